@@ -1,0 +1,1 @@
+//! Matrix file -> plan -> run -> run directory.

@@ -1,0 +1,153 @@
+//! Providers turn a host into an environment: a live place in which the workload runs.
+//!
+//! A [`Provider`] is asked whether it can work here, what it would create, and to create it; an [`Environment`] is the
+//! live handle. What is asked for is an [`EnvironmentRequest`], plain data, so that a crashed run can ask again for the
+//! very same thing. Every resource is named after the environment or labelled with it: that is how leftovers are found.
+//!
+//! [`choose`] is the one place that knows which providers there are.
+
+use std::path::{Path, PathBuf};
+
+use async_trait::async_trait;
+use reports::run_directory::Resource;
+use serde_json::{Map, Value};
+use workload::{record::progress::Progress, settings::Settings};
+
+/// Whether something can be had on a host.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub enum Availability {
+    /// It can; with what a person wants to know of it, such as `Engine 20.10.24`.
+    Available {
+        /// One line for `matrix doctor`.
+        detail: String,
+    },
+    /// It cannot.
+    Unavailable {
+        /// Why.
+        reason: String,
+        /// What would make it available.
+        fix: Option<String>,
+    },
+}
+
+/// An environment to be created, or to be found again.
+#[derive(Debug, Clone, PartialEq)]
+pub struct EnvironmentRequest {
+    /// Its name, unique for ever and safe as a file and container name: `matrix-<run>-<slug>-<attempt>`.
+    pub environment: String,
+    /// The run's name.
+    pub run: String,
+    /// The run directory, absolute, so that leftovers can say where they belong.
+    pub run_directory: PathBuf,
+    /// The scenario's slug.
+    pub scenario: String,
+    /// The host's name in the matrix file.
+    pub host: String,
+    /// What the workload is to do.
+    pub settings: Settings,
+    /// The numbers of the windows it is to measure, one contiguous stretch of the loop.
+    pub windows: Vec<u32>,
+}
+
+/// Makes environments of one kind on one host.
+#[async_trait]
+pub trait Provider: Send + Sync {
+    /// The name under which the journal knows it.
+    fn name(&self) -> &'static str;
+
+    /// Whether it can work here. Creates nothing.
+    async fn survey(&self) -> Availability;
+
+    /// All that [`Self::create`] will create, journaled before it does.
+    fn resources(&self, request: &EnvironmentRequest) -> Vec<Resource>;
+
+    /// Creates the environment and starts the workload in it, so that it outlives this process.
+    ///
+    /// # Errors
+    /// When the platform refuses; what had been created by then is found by [`Self::leftovers`].
+    async fn create(&self, request: &EnvironmentRequest) -> Result<Box<dyn Environment>, ProviderError>;
+
+    /// Finds an environment that an earlier process created, running or ended.
+    ///
+    /// # Errors
+    /// When the platform cannot be asked.
+    async fn find(&self, request: &EnvironmentRequest)
+    -> Result<Option<Box<dyn Environment>>, ProviderError>;
+
+    /// Everything of ours that exists on this host, whichever run it belongs to.
+    ///
+    /// # Errors
+    /// When the platform cannot be asked.
+    async fn leftovers(&self) -> Result<Vec<Leftover>, ProviderError>;
+
+    /// Removes one of them. Removing what is gone already is not an error.
+    ///
+    /// # Errors
+    /// When the platform refuses.
+    async fn remove(&self, leftover: &Leftover) -> Result<(), ProviderError>;
+}
+
+/// A live environment with the workload in it.
+#[async_trait]
+pub trait Environment: Send {
+    /// What explains it: engine version, image digest, limits. Kept in `environment.json`.
+    fn facts(&self) -> Map<String, Value>;
+
+    /// Whether the workload still ran when the environment was created or found.
+    fn running(&self) -> bool;
+
+    /// The workload's next line, from its first one even in an environment that was found again; `None` when the
+    /// workload has ended and all its lines were read. Cancel-safe.
+    ///
+    /// # Errors
+    /// When the platform stops answering.
+    async fn next_progress(&mut self) -> Result<Option<Progress>, ProviderError>;
+
+    /// Asks the workload to end in order; its lines go on until it has.
+    ///
+    /// # Errors
+    /// When the platform refuses.
+    async fn stop(&mut self) -> Result<(), ProviderError>;
+
+    /// How the workload ended, in words for a person: `exit code 0`, `killed by signal 9`.
+    ///
+    /// # Errors
+    /// When the platform cannot be asked.
+    async fn ended(&mut self) -> Result<Ended, ProviderError>;
+
+    /// Copies the workload's data folder into an empty folder: `environment.json` and the `window-N` folders.
+    ///
+    /// # Errors
+    /// When something could not be read or written; what arrived stays.
+    async fn collect(&mut self, into: &Path) -> Result<(), ProviderError>;
+
+    /// Ends the workload if it runs and removes every resource. The image is kept for the next environment.
+    ///
+    /// # Errors
+    /// When the platform refuses; what is left is found by [`Provider::leftovers`].
+    async fn discard(self: Box<Self>) -> Result<(), ProviderError>;
+}
+
+/// How a workload's process ended.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct Ended {
+    /// Whether it ended by itself with exit code 0.
+    pub success: bool,
+    /// In words.
+    pub how: String,
+}
+
+/// Something of ours that exists on a host.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct Leftover {
+    /// What and where.
+    pub resource: Resource,
+    /// The run it was created for; none for what runs share, such as the image.
+    pub run: Option<String>,
+    /// That run's directory.
+    pub run_directory: Option<PathBuf>,
+    /// The scenario.
+    pub scenario: Option<String>,
+    /// Whether a workload runs in it now.
+    pub running: bool,
+}

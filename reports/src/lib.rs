@@ -1,0 +1,4 @@
+//! Run directory -> samples -> comparisons -> tables and figures.
+
+pub mod run_directory;
+pub mod settings;

@@ -1,0 +1,97 @@
+//! The run directory: everything one `matrix run` produced, and all that a report needs.
+//!
+//! ```text
+//! runs/<run id>/
+//!   manifest.json       what was asked: Manifest
+//!   plan.json           every scenario, feasible or not, and the order: PlanRecord
+//!   events.jsonl        what happened: one JournalEntry a line
+//!   scenarios/<slug>/   environment.json, window-1/ … window-4/, broken/…
+//!   report/             written by this crate
+//! ```
+//!
+//! The orchestrator writes with the same types that this crate reads, so that the format stands in one place.
+//! The main type is [`RunDirectory`].
+
+mod journal;
+mod manifest;
+mod plan;
+
+use std::path::{Path, PathBuf};
+
+pub use journal::{Event, JournalEntry, Outcome, Resource};
+pub use manifest::Manifest;
+pub use plan::{PlanRecord, PlannedScenario};
+
+/// Version of the run directory's layout and of the files in it.
+pub const FORMAT: u32 = 1;
+
+/// Where things are in a run directory. It only knows names; nothing is opened.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct RunDirectory(PathBuf);
+
+impl RunDirectory {
+    /// The run directory at `path`.
+    pub fn new(path: impl Into<PathBuf>) -> Self {
+        Self(path.into())
+    }
+
+    /// The directory itself.
+    #[must_use]
+    pub fn path(&self) -> &Path {
+        &self.0
+    }
+
+    /// What was asked.
+    #[must_use]
+    pub fn manifest(&self) -> PathBuf {
+        self.0.join("manifest.json")
+    }
+
+    /// Every scenario and the order.
+    #[must_use]
+    pub fn plan(&self) -> PathBuf {
+        self.0.join("plan.json")
+    }
+
+    /// The journal.
+    #[must_use]
+    pub fn journal(&self) -> PathBuf {
+        self.0.join("events.jsonl")
+    }
+
+    /// The lock that the process holds which works on this run.
+    #[must_use]
+    pub fn lock(&self) -> PathBuf {
+        self.0.join("lock")
+    }
+
+    /// A scenario's folder.
+    #[must_use]
+    pub fn scenario(&self, slug: &str) -> PathBuf {
+        self.0.join("scenarios").join(slug)
+    }
+
+    /// What a scenario's platform was.
+    #[must_use]
+    pub fn environment(&self, slug: &str) -> PathBuf {
+        self.scenario(slug).join("environment.json")
+    }
+
+    /// A window's folder; windows count from 1.
+    #[must_use]
+    pub fn window(&self, slug: &str, window: u32) -> PathBuf {
+        self.scenario(slug).join(format!("window-{window}"))
+    }
+
+    /// Where what broke of an environment's windows is kept: never counted, never thrown away.
+    #[must_use]
+    pub fn broken(&self, slug: &str, environment: &str) -> PathBuf {
+        self.scenario(slug).join("broken").join(environment)
+    }
+
+    /// Where the report goes.
+    #[must_use]
+    pub fn report(&self) -> PathBuf {
+        self.0.join("report")
+    }
+}

@@ -1,0 +1,49 @@
+//! `plan.json`: every scenario, feasible or not, and the order they run in. The main type is [`PlanRecord`].
+
+use serde::{Deserialize, Serialize};
+use workload::settings::Settings;
+
+/// The plan of a run.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct PlanRecord {
+    /// [`super::FORMAT`] at the time of writing.
+    pub format: u32,
+    /// Every scenario, in letter order.
+    pub scenarios: Vec<PlannedScenario>,
+    /// Letters of the feasible ones, in the order they run.
+    pub order: Vec<String>,
+    /// Time that measuring takes, in seconds: windows only, without setting up.
+    pub measuring_s: f64,
+}
+
+/// One combination of axis values.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct PlannedScenario {
+    /// Its letter: a, b, … z, aa, ab, …
+    pub id: String,
+    /// Its name in files, containers and logs, such as `i686-ubuntu-native`.
+    pub slug: String,
+    /// Axis to value, in the matrix's order.
+    pub axes: serde_json::Map<String, serde_json::Value>,
+    /// Name of the host that runs it, when one offers what it needs.
+    pub host: Option<String>,
+    /// Whether it can run.
+    pub feasible: bool,
+    /// Why not, when it cannot.
+    pub reason: Option<String>,
+    /// What would make it feasible, where something would.
+    pub fix: Option<String>,
+    /// The workload's settings, the axes' sweeps applied.
+    pub settings: Settings,
+}
+
+impl PlannedScenario {
+    /// The value of an axis as text, if the scenario has that axis.
+    #[must_use]
+    pub fn axis(&self, name: &str) -> Option<String> {
+        self.axes.get(name).map(|value| match value {
+            serde_json::Value::String(text) => text.clone(),
+            other => other.to_string(),
+        })
+    }
+}

@@ -1,0 +1,24 @@
+//! The experiment inside one environment.
+//!
+//! ```text
+//! settings -> network of three virtual hosts -> ROS nodes: controller and plant -> windows on disk
+//! ```
+//!
+//! Pure parts, which also run in virtual time: [`settings`], [`quantity`], [`reference`], [`plant`], [`controller`],
+//! [`simulation`]. Parts with effects: [`network`], [`capture`], [`ros`], [`realtime`], [`experiment`]. What they leave
+//! behind is described in [`record`].
+
+pub mod capture;
+pub mod controller;
+pub mod experiment;
+pub mod network;
+pub mod plant;
+pub mod quantity;
+pub mod realtime;
+pub mod record;
+pub mod reference;
+pub mod ros;
+pub mod settings;
+pub mod simulation;
+pub mod survey;
+pub mod virtual_host;

@@ -1,0 +1,494 @@
+//! Numbers with their units, as people write them: `6000s`, `10ms`, `50Hz`, `1%`, `10Mbit`, `96B`.
+//!
+//! A quantity is parsed from text and written back as text, so that the matrix file, the manifest and the workload's
+//! settings show one and the same spelling. A number without a unit is refused: `delay: 10` has cost people a
+//! campaign before. The main types are [`TimeSpan`], [`Frequency`], [`Fraction`], [`BitRate`] and [`Bytes`].
+
+use std::{fmt, str::FromStr, time::Duration};
+
+use serde::{Deserialize, Deserializer, Serialize, Serializer, de};
+
+/// Why a text is not a quantity of the wanted kind.
+#[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
+pub enum QuantityError {
+    /// A bare number, such as `10`.
+    #[error("`{text}` has no unit: write {what} as `{example}`")]
+    NoUnit {
+        /// What was written.
+        text: String,
+        /// What kind of quantity was wanted.
+        what: &'static str,
+        /// A valid one.
+        example: String,
+    },
+    /// A unit of another kind, or none that is known.
+    #[error("`{unit}` is not a unit of {what}: use {units}, as in `{example}`")]
+    WrongUnit {
+        /// The unit that was written.
+        unit: String,
+        /// What kind of quantity was wanted.
+        what: &'static str,
+        /// The units that are known.
+        units: String,
+        /// A valid one.
+        example: &'static str,
+    },
+    /// No number before the unit, or one that is negative or not finite.
+    #[error("`{text}` is not {what}: write a number and a unit, as in `{example}`")]
+    NotANumber {
+        /// What was written.
+        text: String,
+        /// What kind of quantity was wanted.
+        what: &'static str,
+        /// A valid one.
+        example: &'static str,
+    },
+    /// Too large or too small for the quantity.
+    #[error("`{text}` is out of range for {what}")]
+    OutOfRange {
+        /// What was written.
+        text: String,
+        /// What kind of quantity was wanted.
+        what: &'static str,
+    },
+}
+
+/// The units of one kind of quantity, each with its factor to the base unit, smallest first.
+struct Kind {
+    what: &'static str,
+    example: &'static str,
+    units: &'static [(&'static str, f64)],
+}
+
+impl Kind {
+    /// The value in the base unit.
+    fn parse(&self, text: &str) -> Result<f64, QuantityError> {
+        let trimmed = text.trim();
+        let number_ends = trimmed
+            .find(|c: char| !(c.is_ascii_digit() || matches!(c, '.' | '+' | '-' | '_')))
+            .unwrap_or(trimmed.len());
+        let (number, unit) = trimmed.split_at(number_ends);
+        let unit = unit.trim();
+        let value: f64 = number
+            .replace('_', "")
+            .parse()
+            .map_err(|_| self.not_a_number(text))?;
+        if !value.is_finite() || value < 0.0 {
+            return Err(self.not_a_number(text));
+        }
+        if unit.is_empty() {
+            let usual = self.example.trim_start_matches(|c: char| c.is_ascii_digit());
+            return Err(QuantityError::NoUnit {
+                text: text.to_owned(),
+                what: self.what,
+                example: format!("{trimmed}{usual}"),
+            });
+        }
+        let factor = self
+            .units
+            .iter()
+            .find(|(name, _)| *name == unit)
+            .map(|(_, factor)| *factor);
+        let factor = factor.ok_or_else(|| QuantityError::WrongUnit {
+            unit: unit.to_owned(),
+            what: self.what,
+            units: self
+                .units
+                .iter()
+                .map(|(name, _)| format!("`{name}`"))
+                .collect::<Vec<_>>()
+                .join(", "),
+            example: self.example,
+        })?;
+        Ok(value * factor)
+    }
+
+    fn not_a_number(&self, text: &str) -> QuantityError {
+        QuantityError::NotANumber {
+            text: text.to_owned(),
+            what: self.what,
+            example: self.example,
+        }
+    }
+
+    /// The shortest spelling: the largest unit in which the value is a whole number, else the largest below it.
+    /// Minutes and hours are read but never written: the field says 6000 s.
+    fn spell(&self, value: f64) -> String {
+        let whole = |factor: f64| (value / factor).fract() == 0.0;
+        let units = || {
+            self.units
+                .iter()
+                .rev()
+                .filter(|(name, _)| !matches!(*name, "min" | "h"))
+        };
+        let (name, factor) = units()
+            .find(|(_, factor)| value >= *factor && whole(*factor))
+            .or_else(|| units().find(|(_, factor)| value >= *factor))
+            .unwrap_or(&self.units[0]);
+        format!("{}{name}", value / factor)
+    }
+}
+
+/// Gives a quantity its text forms from its [`Kind`].
+macro_rules! text_forms {
+    ($name:ident, $kind:expr, $pattern:literal) => {
+        impl fmt::Display for $name {
+            fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+                f.pad(&$kind.spell(self.in_base_unit()))
+            }
+        }
+
+        impl FromStr for $name {
+            type Err = QuantityError;
+
+            fn from_str(text: &str) -> Result<Self, QuantityError> {
+                let value = $kind.parse(text)?;
+                Self::from_base_unit(value)
+                    .ok_or_else(|| QuantityError::OutOfRange { text: text.to_owned(), what: $kind.what })
+            }
+        }
+
+        impl Serialize for $name {
+            fn serialize<S: Serializer>(&self, serializer: S) -> Result<S::Ok, S::Error> {
+                serializer.collect_str(self)
+            }
+        }
+
+        impl<'de> Deserialize<'de> for $name {
+            fn deserialize<D: Deserializer<'de>>(deserializer: D) -> Result<Self, D::Error> {
+                struct Visitor;
+                impl de::Visitor<'_> for Visitor {
+                    type Value = $name;
+
+                    fn expecting(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+                        write!(f, "{} such as `{}`", $kind.what, $kind.example)
+                    }
+
+                    fn visit_str<E: de::Error>(self, text: &str) -> Result<$name, E> {
+                        text.parse().map_err(E::custom)
+                    }
+
+                    // A bare number arrives as a number: say that the unit is what is missing.
+                    fn visit_i64<E: de::Error>(self, number: i64) -> Result<$name, E> {
+                        self.visit_str(&number.to_string())
+                    }
+
+                    fn visit_u64<E: de::Error>(self, number: u64) -> Result<$name, E> {
+                        self.visit_str(&number.to_string())
+                    }
+
+                    fn visit_f64<E: de::Error>(self, number: f64) -> Result<$name, E> {
+                        self.visit_str(&number.to_string())
+                    }
+                }
+                deserializer.deserialize_any(Visitor)
+            }
+        }
+
+        #[cfg(feature = "schema")]
+        impl schemars::JsonSchema for $name {
+            fn schema_name() -> std::borrow::Cow<'static, str> {
+                stringify!($name).into()
+            }
+
+            fn json_schema(_: &mut schemars::SchemaGenerator) -> schemars::Schema {
+                schemars::json_schema!({
+                    "type": "string",
+                    "description": format!("{} with its unit", $kind.what),
+                    "pattern": $pattern,
+                    "examples": [$kind.example],
+                })
+            }
+        }
+    };
+}
+
+const TIME: Kind = Kind {
+    what: "a duration",
+    example: "10ms",
+    units: &[
+        ("ns", 1.0),
+        ("us", 1e3),
+        ("ms", 1e6),
+        ("s", 1e9),
+        ("min", 60e9),
+        ("h", 3600e9),
+    ],
+};
+
+/// A length of time, exact to the nanosecond.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Default)]
+pub struct TimeSpan(Duration);
+
+impl TimeSpan {
+    /// From whole milliseconds.
+    #[must_use]
+    pub const fn from_millis(milliseconds: u64) -> Self {
+        Self(Duration::from_millis(milliseconds))
+    }
+
+    /// From whole seconds.
+    #[must_use]
+    pub const fn from_secs(seconds: u64) -> Self {
+        Self(Duration::from_secs(seconds))
+    }
+
+    /// As the standard library's duration.
+    #[must_use]
+    pub const fn duration(self) -> Duration {
+        self.0
+    }
+
+    /// In seconds.
+    #[must_use]
+    pub fn as_secs_f64(self) -> f64 {
+        self.0.as_secs_f64()
+    }
+
+    /// In nanoseconds.
+    #[must_use]
+    pub fn as_nanos(self) -> u64 {
+        u64::try_from(self.0.as_nanos()).unwrap_or(u64::MAX)
+    }
+
+    fn in_base_unit(self) -> f64 {
+        self.0.as_nanos() as f64
+    }
+
+    fn from_base_unit(nanoseconds: f64) -> Option<Self> {
+        // 2^53 ns are 104 days: beyond that a double is no longer exact, and no window is that long.
+        (nanoseconds <= 9_007_199_254_740_992.0)
+            .then(|| Self(Duration::from_nanos(nanoseconds.round() as u64)))
+    }
+}
+
+impl From<Duration> for TimeSpan {
+    fn from(duration: Duration) -> Self {
+        Self(duration)
+    }
+}
+
+text_forms!(TimeSpan, TIME, r"^[0-9][0-9_]*(\.[0-9]+)?\s*(ns|us|ms|s|min|h)$");
+
+const FREQUENCY: Kind = Kind {
+    what: "a rate",
+    example: "50Hz",
+    units: &[("Hz", 1.0), ("kHz", 1e3)],
+};
+
+/// How often something happens, in hertz.
+#[derive(Debug, Clone, Copy, PartialEq, PartialOrd)]
+pub struct Frequency(f64);
+
+impl Frequency {
+    /// From hertz.
+    #[must_use]
+    pub const fn from_hz(hertz: f64) -> Self {
+        Self(hertz)
+    }
+
+    /// In hertz.
+    #[must_use]
+    pub const fn hz(self) -> f64 {
+        self.0
+    }
+
+    /// The time from one occurrence to the next, rounded to the nanosecond.
+    #[must_use]
+    pub fn step(self) -> Duration {
+        Duration::from_nanos((1e9 / self.0).round() as u64)
+    }
+
+    fn in_base_unit(self) -> f64 {
+        self.0
+    }
+
+    fn from_base_unit(hertz: f64) -> Option<Self> {
+        (hertz > 0.0 && hertz <= 1e6).then_some(Self(hertz))
+    }
+}
+
+text_forms!(Frequency, FREQUENCY, r"^[0-9][0-9_]*(\.[0-9]+)?\s*(Hz|kHz)$");
+
+const FRACTION: Kind = Kind {
+    what: "a share",
+    example: "1%",
+    units: &[("%", 1.0)],
+};
+
+/// A share from 0 % to 100 %, kept in percent so that `1%` reads back as `1%`.
+#[derive(Debug, Clone, Copy, PartialEq, PartialOrd, Default)]
+pub struct Fraction(f64);
+
+impl Fraction {
+    /// From percent.
+    #[must_use]
+    pub const fn from_percent(percent: f64) -> Self {
+        Self(percent)
+    }
+
+    /// As a probability from 0 to 1.
+    #[must_use]
+    pub fn probability(self) -> f64 {
+        self.0 / 100.0
+    }
+
+    fn in_base_unit(self) -> f64 {
+        self.0
+    }
+
+    fn from_base_unit(percent: f64) -> Option<Self> {
+        (percent <= 100.0).then_some(Self(percent))
+    }
+}
+
+text_forms!(Fraction, FRACTION, r"^[0-9]+(\.[0-9]+)?\s*%$");
+
+const BIT_RATE: Kind = Kind {
+    what: "a bandwidth",
+    example: "10Mbit",
+    // As `tc` and Mininet write them: decimal, bits a second.
+    units: &[("bit", 1.0), ("kbit", 1e3), ("Mbit", 1e6), ("Gbit", 1e9)],
+};
+
+/// Bits a second.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
+pub struct BitRate(u64);
+
+impl BitRate {
+    /// From megabits a second.
+    #[must_use]
+    pub const fn from_mbit(mbit: u64) -> Self {
+        Self(mbit * 1_000_000)
+    }
+
+    /// In bits a second.
+    #[must_use]
+    pub const fn bits_per_second(self) -> u64 {
+        self.0
+    }
+
+    fn in_base_unit(self) -> f64 {
+        self.0 as f64
+    }
+
+    fn from_base_unit(bits: f64) -> Option<Self> {
+        (bits >= 1.0 && bits <= 1e12).then(|| Self(bits.round() as u64))
+    }
+}
+
+text_forms!(
+    BitRate,
+    BIT_RATE,
+    r"^[0-9][0-9_]*(\.[0-9]+)?\s*(bit|kbit|Mbit|Gbit)$"
+);
+
+const BYTES: Kind = Kind {
+    what: "a size",
+    example: "512MiB",
+    units: &[
+        ("B", 1.0),
+        ("KiB", 1024.0),
+        ("MiB", 1_048_576.0),
+        ("GiB", 1_073_741_824.0),
+    ],
+};
+
+/// A number of bytes.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
+pub struct Bytes(u64);
+
+impl Bytes {
+    /// From bytes.
+    #[must_use]
+    pub const fn new(bytes: u64) -> Self {
+        Self(bytes)
+    }
+
+    /// In bytes.
+    #[must_use]
+    pub const fn get(self) -> u64 {
+        self.0
+    }
+
+    fn in_base_unit(self) -> f64 {
+        self.0 as f64
+    }
+
+    fn from_base_unit(bytes: f64) -> Option<Self> {
+        (bytes <= 9_007_199_254_740_992.0).then(|| Self(bytes.round() as u64))
+    }
+}
+
+text_forms!(Bytes, BYTES, r"^[0-9][0-9_]*(\.[0-9]+)?\s*(B|KiB|MiB|GiB)$");
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[rstest::rstest]
+    #[case("6000s", 6_000_000_000_000)]
+    #[case("10ms", 10_000_000)]
+    #[case("1.5 h", 5_400_000_000_000)]
+    #[case("0s", 0)]
+    #[case("100us", 100_000)]
+    fn durations_are_read_to_the_nanosecond(#[case] text: &str, #[case] nanoseconds: u64) {
+        assert_eq!(text.parse::<TimeSpan>().unwrap().as_nanos(), nanoseconds);
+    }
+
+    #[test]
+    fn a_number_without_its_unit_is_refused_and_told_what_to_write() {
+        let error = "10".parse::<TimeSpan>().unwrap_err();
+        assert_eq!(error.to_string(), "`10` has no unit: write a duration as `10ms`");
+        let error = serde_json::from_str::<BitRate>("10").unwrap_err();
+        assert!(
+            error
+                .to_string()
+                .starts_with("`10` has no unit: write a bandwidth as `10Mbit`"),
+            "{error}"
+        );
+    }
+
+    #[test]
+    fn a_unit_of_another_kind_is_refused_with_the_right_ones() {
+        let error = "50ms".parse::<Frequency>().unwrap_err();
+        assert_eq!(
+            error.to_string(),
+            "`ms` is not a unit of a rate: use `Hz`, `kHz`, as in `50Hz`"
+        );
+    }
+
+    #[rstest::rstest]
+    #[case("-1s")]
+    #[case("s")]
+    #[case("")]
+    #[case("1.2.3s")]
+    fn what_is_not_a_number_is_refused(#[case] text: &str) {
+        assert!(matches!(
+            text.parse::<TimeSpan>(),
+            Err(QuantityError::NotANumber { .. })
+        ));
+    }
+
+    #[test]
+    fn a_share_above_the_whole_is_refused() {
+        assert!(matches!(
+            "101%".parse::<Fraction>(),
+            Err(QuantityError::OutOfRange { .. })
+        ));
+    }
+
+    proptest::proptest! {
+        #[test]
+        fn every_duration_reads_back_as_it_was(ns in 0_u64..9_007_199_254_740_992) {
+            let span = TimeSpan::from(Duration::from_nanos(ns));
+            proptest::prop_assert!(span.to_string().parse::<TimeSpan>().unwrap().as_nanos().abs_diff(ns) <= 1);
+        }
+
+        #[test]
+        fn every_bit_rate_reads_back_as_it_was(bits in 1_u64..1_000_000_000_000) {
+            let rate = BitRate(bits);
+            proptest::prop_assert_eq!(rate.to_string().parse::<BitRate>().unwrap(), rate);
+        }
+    }
+}

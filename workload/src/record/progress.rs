@@ -1,0 +1,62 @@
+//! The lines of JSON by which a running workload says where it is, on standard output and in `progress.jsonl`.
+//! The main type is [`Progress`].
+
+use serde::{Deserialize, Serialize};
+
+use super::window::Verdict;
+
+/// One line.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(tag = "event", rename_all = "kebab-case")]
+pub enum Progress {
+    /// The process runs; nothing is set up yet.
+    Started {
+        /// Its process number, as it sees itself.
+        pid: u32,
+    },
+    /// The virtual hosts are up and linked.
+    NetworkUp,
+    /// Controller and plant are connected by their topics both ways.
+    Connected,
+    /// The first control step of the run has been done.
+    Measuring {
+        /// The first window's number.
+        window: u32,
+    },
+    /// About once a second while measuring.
+    Health {
+        /// The window under way.
+        window: u32,
+        /// Control steps done in it.
+        steps_done: u64,
+        /// Control steps that it has.
+        steps_expected: u64,
+        /// Steps of it that missed their deadline so far.
+        missed_deadlines: u64,
+        /// The latest start of a step since the last line, after it was due.
+        worst_lateness_ns: i64,
+    },
+    /// A window is on disk, whole, with its `window.json`.
+    WindowComplete {
+        /// Its number.
+        window: u32,
+        /// What it is worth.
+        verdict: Verdict,
+    },
+    /// The run ended early because it was asked to; the window under way is marked incomplete.
+    Stopped {
+        /// The window that was cut.
+        window: u32,
+    },
+    /// All windows are on disk.
+    Finished,
+    /// The experiment could not go on.
+    Failed {
+        /// What failed, with its causes.
+        reason: String,
+        /// What to do about it.
+        hint: Option<String>,
+        /// True when the platform did not offer what is needed, false when the experiment itself went wrong.
+        platform: bool,
+    },
+}

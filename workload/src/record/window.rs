@@ -1,0 +1,140 @@
+//! `window.json`: what one window is and what it is worth. It is written last, so that a window without it is a broken
+//! one. The main type is [`WindowRecord`].
+
+use serde::{Deserialize, Serialize};
+
+use crate::virtual_host::VirtualHost;
+
+/// One window's record.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct WindowRecord {
+    /// [`super::FORMAT`] at the time of writing.
+    pub format: u32,
+    /// The window's number, from 1.
+    pub window: u32,
+    /// The environment that measured it; windows of one environment are contiguous.
+    pub environment: String,
+    /// Whether it is the first window of its run of the loop, and so begins with the transient.
+    pub starts_run: bool,
+    /// Whether all its steps were done.
+    pub complete: bool,
+    /// Wall clock at its start, nanoseconds since 1970.
+    pub started_unix_ns: i64,
+    /// Wall clock at its end.
+    pub ended_unix_ns: i64,
+    /// Its start on the experiment's clock.
+    pub started_ns: i64,
+    /// Its end on the experiment's clock.
+    pub ended_ns: i64,
+    /// Control steps that it should have.
+    pub steps_expected: u64,
+    /// Control steps in its log.
+    pub steps_done: u64,
+    /// The controller's loop.
+    pub controller: LoopRecord,
+    /// The plant's loop.
+    pub plant: LoopRecord,
+    /// Control steps that had no newer state than the step before.
+    pub stale_steps: u64,
+    /// Longest time between two control steps.
+    pub longest_gap_ns: i64,
+    /// Wall clock against monotonic clock, end minus start: a step of NTP or of a person.
+    pub clock_jump_ns: i64,
+    /// Rows that the log's queue had no room for.
+    pub log_dropped: u64,
+    /// What the workload's process used of the processor during the window, as a share of one core.
+    pub cpu_share: f64,
+    /// One for each virtual host, if captures are on.
+    pub captures: Vec<CaptureRecord>,
+    /// The links, in [`VirtualHost::ALL`]'s order.
+    pub links: Vec<LinkRecord>,
+    /// The files beside this one.
+    pub files: Vec<FileRecord>,
+    /// What it is worth.
+    pub verdict: Verdict,
+    /// Why, if not valid.
+    pub reasons: Vec<String>,
+}
+
+/// What a window is worth.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum Verdict {
+    /// Counted.
+    Valid,
+    /// Counted, with a remark in the report.
+    Suspect,
+    /// Kept, never counted.
+    Invalid,
+}
+
+/// How well one of the two loops held its schedule.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Serialize, Deserialize)]
+pub struct LoopRecord {
+    /// Steps done.
+    pub steps: u64,
+    /// Steps that began a whole step or more after they were due.
+    pub missed_deadlines: u64,
+    /// Steps that began more than a tenth of a step late.
+    pub late_steps: u64,
+    /// Mean time from due to begun.
+    pub lateness_mean_ns: f64,
+    /// Half of the steps began no later than this.
+    pub lateness_p50_ns: i64,
+    /// 99 % of them.
+    pub lateness_p99_ns: i64,
+    /// 99.9 % of them.
+    pub lateness_p999_ns: i64,
+    /// All of them.
+    pub lateness_max_ns: i64,
+}
+
+/// One virtual host's capture.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
+pub struct CaptureRecord {
+    /// Where.
+    pub host: VirtualHost,
+    /// Packets in the file.
+    pub packets: u64,
+    /// Packets that the kernel dropped before they could be read.
+    pub dropped: u64,
+}
+
+/// One link's two directions, counted where packets enter and leave the emulator.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct LinkRecord {
+    /// Whose link.
+    pub host: VirtualHost,
+    /// From the host to the switch.
+    pub up: PassRecord,
+    /// From the switch to the host.
+    pub down: PassRecord,
+}
+
+/// One pass through a link's end.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Serialize, Deserialize)]
+pub struct PassRecord {
+    /// Packets offered.
+    pub offered: u64,
+    /// Packets lost as the settings ask.
+    pub lost: u64,
+    /// Packets dropped since the queue was full.
+    pub overflowed: u64,
+    /// Packets delivered.
+    pub delivered: u64,
+    /// Mean time from when a packet was due to when it was delivered.
+    pub lateness_mean_ns: f64,
+    /// The largest such time since the run began.
+    pub lateness_max_ns: u64,
+}
+
+/// A file beside the record.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
+pub struct FileRecord {
+    /// Its name, without a folder.
+    pub name: String,
+    /// Its length.
+    pub bytes: u64,
+    /// Its SHA-256, in hexadecimal.
+    pub sha256: String,
+}
