@@ -1,1 +1,3 @@
 //! Matrix file -> plan -> run -> run directory.
+
+pub mod provider;

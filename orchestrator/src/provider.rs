@@ -4,7 +4,12 @@
 //! live handle. What is asked for is an [`EnvironmentRequest`], plain data, so that a crashed run can ask again for the
 //! very same thing. Every resource is named after the environment or labelled with it: that is how leftovers are found.
 //!
-//! [`choose`] is the one place that knows which providers there are.
+//! `choose` is the one place that knows which providers there are.
+
+pub mod docker;
+mod error;
+pub mod fake;
+mod settings;
 
 use std::path::{Path, PathBuf};
 
@@ -12,6 +17,21 @@ use async_trait::async_trait;
 use reports::run_directory::Resource;
 use serde_json::{Map, Value};
 use workload::{record::progress::Progress, settings::Settings};
+
+pub use error::ProviderError;
+pub use settings::ProviderSettings;
+
+/// The values of the `virtualization` axis that there is a provider for.
+pub const NAMES: [&str; 8] = [
+    "native",
+    "docker",
+    "fake",
+    "virtualbox",
+    "libvirt",
+    "vmware_desktop",
+    "parallels",
+    "hyperv",
+];
 
 /// Whether something can be had on a host.
 #[derive(Debug, Clone, PartialEq, Eq)]

@@ -1,0 +1,5 @@
+//! The `docker` provider.
+
+mod settings;
+
+pub use settings::DockerSettings;

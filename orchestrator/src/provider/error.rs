@@ -1,0 +1,146 @@
+//! What can go wrong between us and a platform. The main type is [`ProviderError`].
+//!
+//! All of these say something of the infrastructure, none of the experiment: a scenario that ends with one is
+//! `errored`. They are told apart by what a caller can do: repair the host, ask again, or give up on the data.
+
+use std::{error::Error, io, path::PathBuf};
+
+/// The cause of an error, of whichever library it comes from.
+pub type Cause = Box<dyn Error + Send + Sync + 'static>;
+
+/// What went wrong.
+#[derive(Debug, thiserror::Error)]
+pub enum ProviderError {
+    /// There is no provider of that name.
+    #[error("there is no virtualization `{name}`")]
+    Unknown {
+        /// As it was asked for.
+        name: String,
+    },
+    /// This version knows the provider but cannot drive it.
+    #[error("{provider}: {reason}")]
+    Unsupported {
+        /// Which.
+        provider: String,
+        /// Why.
+        reason: String,
+        /// What to do instead.
+        hint: Option<String>,
+    },
+    /// The platform does not answer at all.
+    #[error("cannot reach {platform}")]
+    Unreachable {
+        /// What does not answer.
+        platform: String,
+        /// What would make it answer.
+        hint: Option<String>,
+        /// The cause.
+        source: Cause,
+    },
+    /// The platform answered, then the connection ended. The environment may well go on: it can be found again.
+    #[error("lost the connection to {platform} while {action}")]
+    Disconnected {
+        /// What stopped answering.
+        platform: String,
+        /// What was being done, as in `following the workload's lines`.
+        action: String,
+        /// The cause.
+        source: Cause,
+    },
+    /// The platform said no.
+    #[error("{platform} refused {action}")]
+    Refused {
+        /// What refused.
+        platform: String,
+        /// What was being done, as in `creating the container matrix-r1-a`.
+        action: String,
+        /// What would make it possible.
+        hint: Option<String>,
+        /// The cause.
+        source: Cause,
+    },
+    /// Something that should be there is not.
+    #[error("{what} does not exist any more")]
+    NotFound {
+        /// What, by kind and name.
+        what: String,
+    },
+    /// The platform did not get done in time.
+    #[error("{action} was not done after {} s", .after.as_secs())]
+    TimedOut {
+        /// What was being done.
+        action: String,
+        /// How long it was waited for.
+        after: std::time::Duration,
+    },
+    /// A file on this machine could not be read or written.
+    #[error("cannot {action} {}", .path.display())]
+    File {
+        /// What was being done, as in `write`.
+        action: &'static str,
+        /// Which file or directory.
+        path: PathBuf,
+        /// The cause.
+        source: io::Error,
+    },
+    /// What came from the environment is not what a workload leaves behind. Nothing of it was trusted.
+    #[error("{what}: {reason}")]
+    Data {
+        /// Which part.
+        what: String,
+        /// What is wrong with it.
+        reason: String,
+    },
+    /// Something was called when it must not be.
+    #[error("{reason}")]
+    OutOfOrder {
+        /// What was called when it must not be.
+        reason: &'static str,
+    },
+    /// A fault that the matrix file asked the fake platform to play.
+    #[error("the fake platform was told to fail at {at}")]
+    Played {
+        /// Where.
+        at: &'static str,
+    },
+}
+
+impl ProviderError {
+    /// What to do about it, where that is known.
+    #[must_use]
+    pub fn hint(&self) -> Option<String> {
+        match self {
+            Self::Unknown { .. } => Some(format!("write one of {}", super::NAMES.join(", "))),
+            Self::Unsupported { hint, .. } | Self::Unreachable { hint, .. } | Self::Refused { hint, .. } => {
+                hint.clone()
+            }
+            Self::Disconnected { .. } => {
+                Some("the environment may go on without us: `matrix resume` finds it".to_owned())
+            }
+            Self::NotFound { .. } => {
+                Some("somebody else removed it; `matrix resume` measures again what is missing".to_owned())
+            }
+            Self::TimedOut { .. } => Some("`matrix clean` shows and removes what is left".to_owned()),
+            Self::File { source, .. } => file_hint(source),
+            Self::Data { .. } => Some("what arrived is kept under `broken/` and never counted".to_owned()),
+            Self::OutOfOrder { .. } => {
+                Some("this is a mistake in matrix itself: please report it".to_owned())
+            }
+            Self::Played { .. } => Some("take `fail` out of `providers.fake` in the matrix file".to_owned()),
+        }
+    }
+}
+
+/// What to do about a file that cannot be read or written.
+fn file_hint(error: &io::Error) -> Option<String> {
+    match error.kind() {
+        io::ErrorKind::StorageFull | io::ErrorKind::QuotaExceeded => {
+            Some("make room on that disk, then `matrix resume`".to_owned())
+        }
+        io::ErrorKind::PermissionDenied => Some("check who owns it, or choose another directory".to_owned()),
+        io::ErrorKind::ReadOnlyFilesystem => {
+            Some("choose a directory on a disk that can be written".to_owned())
+        }
+        _ => None,
+    }
+}

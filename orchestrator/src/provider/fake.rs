@@ -1,0 +1,5 @@
+//! The `fake` provider.
+
+mod settings;
+
+pub use settings::{FakeScenario, FakeSettings, Fault, FaultPoint};
