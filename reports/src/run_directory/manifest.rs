@@ -27,6 +27,8 @@ pub struct Manifest {
     pub profile: Option<String>,
     /// Seed of the scenarios' order.
     pub seed: u64,
+    /// The providers' own settings, as the matrix file's `providers:` section gives them.
+    pub providers: serde_json::Value,
     /// How the tables are to be made.
     pub report: ReportSettings,
 }

@@ -1,0 +1,151 @@
+//! The command line. The main type is [`Arguments`].
+
+use std::path::PathBuf;
+
+use clap::{Args, Parser, Subcommand};
+
+const AFTER_HELP: &str = "\
+Exit codes:
+  0    done
+  1    a scenario failed: its workload said that the experiment went wrong
+  2    the matrix file, the run directory or the call is wrong
+  3    the infrastructure failed, or nothing can run here
+  130  interrupted; `matrix resume RUN` goes on";
+
+/// Run one networked robot-control experiment on every combination of hardware, operating system and virtualization,
+/// and say whether the results depend on where they ran.
+#[derive(Debug, Parser)]
+#[command(name = "matrix", version, after_help = AFTER_HELP)]
+pub struct Arguments {
+    /// What to do.
+    #[command(subcommand)]
+    pub command: Command,
+}
+
+/// What to do.
+#[derive(Debug, Subcommand)]
+pub enum Command {
+    /// Say whether a matrix file is right.
+    Check {
+        /// The matrix file.
+        file: PathBuf,
+        #[command(flatten)]
+        selection: SelectionArguments,
+        #[command(flatten)]
+        output: OutputArguments,
+    },
+    /// Show every scenario, whether it can run here and why not, the order, the duration.
+    Plan {
+        /// The matrix file.
+        file: PathBuf,
+        #[command(flatten)]
+        selection: SelectionArguments,
+        #[command(flatten)]
+        output: OutputArguments,
+    },
+    /// Measure every scenario that can run here and print the tables.
+    Run {
+        /// The matrix file.
+        file: PathBuf,
+        #[command(flatten)]
+        selection: SelectionArguments,
+        /// Folder in which the run directory is made.
+        #[arg(long, value_name = "DIR", default_value = "runs")]
+        out: PathBuf,
+        /// Say what would be done, create nothing.
+        #[arg(long)]
+        dry_run: bool,
+        #[command(flatten)]
+        output: OutputArguments,
+    },
+    /// Go on with a run that was interrupted or killed.
+    Resume {
+        /// The run directory.
+        run: PathBuf,
+        /// Say what would be done, create nothing.
+        #[arg(long)]
+        dry_run: bool,
+        #[command(flatten)]
+        output: OutputArguments,
+    },
+    /// Say where a run stands.
+    Status {
+        /// The run directory.
+        run: PathBuf,
+        #[command(flatten)]
+        output: OutputArguments,
+    },
+    /// Make the tables and figures of a run, into its `report/` folder and on the terminal.
+    Report {
+        /// The run directory.
+        run: PathBuf,
+        /// Another level than the matrix file's.
+        #[arg(long)]
+        alpha: Option<f64>,
+        /// Another metric than the matrix file's: mean-abs-sum, mean-abs-x, mean-abs-y, mean-distance, root-mean-square.
+        #[arg(long)]
+        metric: Option<String>,
+        /// Another number of first periods to leave out than the matrix file's.
+        #[arg(long, value_name = "N")]
+        discard_periods: Option<u32>,
+        #[command(flatten)]
+        output: OutputArguments,
+    },
+    /// Compare two files of numbers, one a line, with the two-sample Kolmogorov-Smirnov test.
+    Ks {
+        /// One sample.
+        x: PathBuf,
+        /// The other.
+        y: PathBuf,
+        #[command(flatten)]
+        output: OutputArguments,
+    },
+    /// List what earlier runs left behind on this machine, then remove it.
+    Clean {
+        /// Only list.
+        #[arg(long)]
+        dry_run: bool,
+        #[command(flatten)]
+        output: OutputArguments,
+    },
+    /// Say what this machine can do, what is missing and how to get it.
+    Doctor {
+        #[command(flatten)]
+        output: OutputArguments,
+    },
+    /// Print the JSON Schema of matrix files.
+    Schema,
+    /// Print a shell's completions.
+    Completions {
+        /// The shell.
+        shell: clap_complete::Shell,
+    },
+}
+
+/// Which scenarios.
+#[derive(Debug, Clone, Default, Args)]
+pub struct SelectionArguments {
+    /// A profile of the matrix file.
+    #[arg(long, value_name = "NAME")]
+    pub profile: Option<String>,
+    /// Only scenarios that match: a letter, a slug, `axis=value`; `*` and `?` stand for anything. May be repeated.
+    #[arg(long, value_name = "PATTERN")]
+    pub only: Vec<String>,
+    /// Not the scenarios that match.
+    #[arg(long, value_name = "PATTERN")]
+    pub skip: Vec<String>,
+    /// Seed of the order in which scenarios run.
+    #[arg(long, value_name = "N", default_value_t = 0)]
+    pub seed: u64,
+}
+
+/// How to say it.
+#[derive(Debug, Clone, Copy, Default, Args)]
+pub struct OutputArguments {
+    /// Print the result as JSON.
+    #[arg(long)]
+    pub json: bool,
+    /// Print nothing but the result and errors.
+    #[arg(long)]
+    pub quiet: bool,
+}

@@ -1,0 +1,39 @@
+//! Exit codes, which scripts and night shifts rely on. The main type is [`Exit`].
+
+use std::process::ExitCode;
+
+/// How the command ended.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Exit {
+    /// Everything that was asked for was done.
+    Done,
+    /// A scenario's workload said that the experiment went wrong.
+    ScenarioFailed,
+    /// The matrix file, the run directory or the call is wrong; nothing was done.
+    Wrong,
+    /// The infrastructure failed: a provider, a disk, a lease; or nothing can run here.
+    Infrastructure,
+    /// Asked to stop; `matrix resume` goes on.
+    Interrupted,
+}
+
+impl Exit {
+    /// The number that the shell sees.
+    #[must_use]
+    pub const fn code(self) -> u8 {
+        match self {
+            Self::Done => 0,
+            Self::ScenarioFailed => 1,
+            Self::Wrong => 2,
+            Self::Infrastructure => 3,
+            // 128 + SIGINT, as a shell would report it.
+            Self::Interrupted => 130,
+        }
+    }
+}
+
+impl From<Exit> for ExitCode {
+    fn from(exit: Exit) -> Self {
+        Self::from(exit.code())
+    }
+}

@@ -1,0 +1,393 @@
+//! One scenario: take up what an earlier process left, measure what is still wanted, collect it, discard the
+//! environment, say how it ended.
+//!
+//! A machine that fails is not an experiment that fails: what a provider says ends as *errored*, what the workload says
+//! of the experiment as *failed*. Data is never discarded before it was collected: when collecting fails, the
+//! environment stays for `matrix resume`.
+
+use std::{error::Error, fs, io, path::PathBuf};
+
+use reports::run_directory::{Event, Outcome, PlannedScenario};
+use serde_json::json;
+use workload::record::progress::Progress;
+
+use super::{
+    Run, RunError,
+    collection::{self, CollectionError, Sorted},
+};
+use crate::{
+    journal::JournalError,
+    provider::{Environment, EnvironmentRequest, Provider, ProviderError},
+};
+
+/// Why the infrastructure could not do what a scenario needs.
+#[derive(Debug, thiserror::Error)]
+enum Trouble {
+    #[error(transparent)]
+    Journal(#[from] JournalError),
+    #[error(transparent)]
+    Provider(#[from] ProviderError),
+    #[error(transparent)]
+    Collection(#[from] CollectionError),
+    #[error("cannot write into the run directory")]
+    RunDirectory(#[from] io::Error),
+    #[error("`{environment}` of {} still measures on this host", run_directory.display())]
+    StillMeasuring { environment: String, run_directory: PathBuf },
+}
+
+/// How one environment ended.
+struct Ending {
+    outcome: Outcome,
+    reason: Option<String>,
+    hint: Option<String>,
+}
+
+impl Ending {
+    fn of(outcome: Outcome, reason: Option<String>, hint: Option<String>) -> Self {
+        Self { outcome, reason, hint }
+    }
+
+    fn errored(trouble: &Trouble) -> Self {
+        let hint = match trouble {
+            Trouble::Provider(error) => error.hint(),
+            Trouble::Journal(error) => Some(error.hint()),
+            Trouble::Collection(_) | Trouble::RunDirectory(_) => {
+                Some("make room on the disk and `matrix resume`".to_owned())
+            }
+            Trouble::StillMeasuring { run_directory, .. } => Some(format!(
+                "`matrix resume {}` goes on with it, `matrix clean` removes it",
+                run_directory.display()
+            )),
+        };
+        Self::of(Outcome::Errored, Some(chain(trouble)), hint)
+    }
+}
+
+/// An error with its causes in one line.
+pub(crate) fn chain(error: &dyn Error) -> String {
+    let mut text = error.to_string();
+    let mut cause = error.source();
+    while let Some(error) = cause {
+        let words = error.to_string();
+        // Some libraries repeat their source in their own words.
+        if !text.ends_with(&words) {
+            text.push_str(": ");
+            text.push_str(&words);
+        }
+        cause = error.source();
+    }
+    text
+}
+
+impl Run<'_> {
+    /// Does what is left to do of one scenario.
+    ///
+    /// # Errors
+    /// Only when the journal cannot be written; everything else is an outcome.
+    pub(super) async fn scenario(&mut self, planned: &PlannedScenario) -> Result<(), RunError> {
+        let wanted = self.wanted(planned);
+        self.events.emit(Event::ScenarioStarted { scenario: planned.slug.clone(), windows: wanted })?;
+        let ending = match self.attempts(planned).await {
+            Ok(ending) => ending,
+            Err(Trouble::Journal(error)) => return Err(error.into()),
+            Err(trouble) => Ending::errored(&trouble),
+        };
+        Ok(self.events.emit(Event::ScenarioFinished {
+            scenario: planned.slug.clone(),
+            outcome: ending.outcome,
+            reason: ending.reason,
+            hint: ending.hint,
+        })?)
+    }
+
+    fn wanted(&self, planned: &PlannedScenario) -> Vec<u32> {
+        self.events.state().scenario(&planned.slug).wanted(planned.settings.windows)
+    }
+
+    /// The environment that is still there, if any, then a new one for what is still wanted.
+    async fn attempts(&mut self, planned: &PlannedScenario) -> Result<Ending, Trouble> {
+        self.refuse_beside_another(planned).await?;
+        let provider = (self.choose)(planned)?;
+        if let Some(open) = self.events.state().scenario(&planned.slug).open {
+            let request = self.request(planned, open.environment, open.windows);
+            if let Some(ending) = self.take_up(provider.as_ref(), &request).await?
+                && (ending.outcome == Outcome::Failed || self.stop.is_requested())
+            {
+                return Ok(ending);
+            }
+        }
+        let windows = self.wanted(planned);
+        if windows.is_empty() {
+            return Ok(Ending::of(Outcome::Completed, None, None));
+        }
+        if self.stop.is_requested() {
+            return Ok(Ending::of(Outcome::Interrupted, None, None));
+        }
+        let attempt = self.events.state().scenario(&planned.slug).attempts + 1;
+        let name = format!("matrix-{}-{}-{attempt}", self.name, planned.slug);
+        let request = self.request(planned, name, windows);
+        self.events.emit(Event::EnvironmentCreating {
+            scenario: planned.slug.clone(),
+            environment: request.environment.clone(),
+            provider: provider.name().to_owned(),
+            windows: request.windows.clone(),
+            resources: provider.resources(&request),
+        })?;
+        match provider.create(&request).await {
+            Ok(environment) => {
+                self.events.emit(Event::EnvironmentCreated {
+                    scenario: planned.slug.clone(),
+                    environment: request.environment.clone(),
+                    facts: environment.facts(),
+                })?;
+                self.measure(provider.as_ref(), environment, &request).await
+            }
+            Err(error) => {
+                self.remove_remains(provider.as_ref(), &request).await?;
+                Err(error.into())
+            }
+        }
+    }
+
+    /// The lease says that no other `matrix` works here; a workload whose `matrix` was killed may still measure, and
+    /// two windows on one host disturb each other.
+    async fn refuse_beside_another(&self, planned: &PlannedScenario) -> Result<(), Trouble> {
+        let own = self.events.state().scenario(&planned.slug).open.map(|open| open.environment);
+        let mut asked = Vec::new();
+        for other in self.plan.scenarios.iter().filter(|other| other.feasible) {
+            let provider = (self.choose)(other)?;
+            if asked.contains(&provider.name()) {
+                continue;
+            }
+            asked.push(provider.name());
+            let leftovers = match provider.leftovers().await {
+                Ok(leftovers) => leftovers,
+                // Another scenario's platform that does not answer runs nothing that could disturb this one.
+                Err(_) if other.slug != planned.slug => continue,
+                Err(error) => return Err(error.into()),
+            };
+            if let Some(running) = leftovers
+                .into_iter()
+                .find(|leftover| leftover.running && Some(&leftover.resource.name) != own.as_ref())
+            {
+                return Err(Trouble::StillMeasuring {
+                    environment: running.resource.name,
+                    run_directory: running.run_directory.unwrap_or_default(),
+                });
+            }
+        }
+        Ok(())
+    }
+
+    fn request(&self, planned: &PlannedScenario, environment: String, windows: Vec<u32>) -> EnvironmentRequest {
+        EnvironmentRequest {
+            environment,
+            run: self.name.clone(),
+            run_directory: self.directory.path().to_owned(),
+            scenario: planned.slug.clone(),
+            host: planned.host.clone().unwrap_or_default(),
+            settings: planned.settings.clone(),
+            windows,
+        }
+    }
+
+    /// Goes on with an environment that an earlier process left; `None` when there was nothing to go on with.
+    async fn take_up(
+        &mut self,
+        provider: &dyn Provider,
+        request: &EnvironmentRequest,
+    ) -> Result<Option<Ending>, Trouble> {
+        let Some(environment) = provider.find(request).await? else {
+            self.remove_remains(provider, request).await?;
+            return Ok(None);
+        };
+        self.events.emit(Event::EnvironmentFound {
+            scenario: request.scenario.clone(),
+            environment: request.environment.clone(),
+            running: environment.running(),
+        })?;
+        self.measure(provider, environment, request).await.map(Some)
+    }
+
+    /// Follows a workload to its end, collects what it measured and discards its environment.
+    async fn measure(
+        &mut self,
+        provider: &dyn Provider,
+        environment: Box<dyn Environment>,
+        request: &EnvironmentRequest,
+    ) -> Result<Ending, Trouble> {
+        let mut environment = environment;
+        let last = self.follow(provider, &mut environment, request).await?;
+        let ended = environment.ended().await?;
+        self.collect(provider, environment.as_mut(), request).await?;
+        self.discard(environment, request).await?;
+        let state = self.events.state().scenario(&request.scenario);
+        if state.wanted(request.settings.windows).is_empty() {
+            return Ok(Ending::of(Outcome::Completed, None, None));
+        }
+        Ok(match last {
+            Some(Progress::Failed { reason, hint, platform: false }) => {
+                Ending::of(Outcome::Failed, Some(reason), hint)
+            }
+            Some(Progress::Failed { reason, hint, platform: true }) => {
+                Ending::of(Outcome::Errored, Some(reason), hint)
+            }
+            _ if self.stop.is_requested() => Ending::of(Outcome::Interrupted, None, None),
+            _ => Ending::of(
+                Outcome::Errored,
+                Some(format!("the workload ended before its last window: {}", ended.how)),
+                Some("`matrix resume` measures the windows that are missing".to_owned()),
+            ),
+        })
+    }
+
+    /// Passes on what the workload says until it ends; its last conclusive line.
+    async fn follow(
+        &mut self,
+        provider: &dyn Provider,
+        environment: &mut Box<dyn Environment>,
+        request: &EnvironmentRequest,
+    ) -> Result<Option<Progress>, Trouble> {
+        let mut last = None;
+        let mut asked_to_stop = false;
+        let mut reconnected = false;
+        loop {
+            let progress = tokio::select! {
+                progress = environment.next_progress() => progress,
+                () = self.stop.requested(), if !asked_to_stop => {
+                    asked_to_stop = true;
+                    environment.stop().await?;
+                    continue;
+                }
+            };
+            match progress {
+                Ok(Some(progress)) => {
+                    self.events.emit(Event::Workload {
+                        scenario: request.scenario.clone(),
+                        progress: progress.clone(),
+                    })?;
+                    if matches!(progress, Progress::Finished | Progress::Stopped { .. } | Progress::Failed { .. }) {
+                        last = Some(progress);
+                    }
+                }
+                Ok(None) => return Ok(last),
+                // An engine that was restarted forgets its listeners, not its containers: look once more.
+                Err(error) if !reconnected => match provider.find(request).await {
+                    Ok(Some(found)) => {
+                        reconnected = true;
+                        *environment = found;
+                    }
+                    Ok(None) | Err(_) => return Err(error.into()),
+                },
+                Err(error) => return Err(error.into()),
+            }
+        }
+    }
+
+    /// Copies the data into the run directory's own file system, then gives each window its place.
+    async fn collect(
+        &mut self,
+        provider: &dyn Provider,
+        environment: &mut dyn Environment,
+        request: &EnvironmentRequest,
+    ) -> Result<(), Trouble> {
+        let folder = self.directory.scenario(&request.scenario).join(format!("collecting-{}", request.environment));
+        // What an interrupted collection left is only a copy: the originals are still in the environment.
+        match fs::remove_dir_all(&folder) {
+            Err(error) if error.kind() != io::ErrorKind::NotFound => return Err(error.into()),
+            _ => {}
+        }
+        fs::create_dir_all(&folder)?;
+        environment.collect(&folder).await?;
+        self.keep_platform(provider, environment, request, &folder)?;
+        let state = self.events.state().scenario(&request.scenario);
+        let windows: Vec<u32> =
+            request.windows.iter().copied().filter(|window| !state.collected.contains(window)).collect();
+        let sorted = collection::sort_windows(
+            &self.directory,
+            &request.scenario,
+            &request.environment,
+            &windows,
+            &folder,
+        )?;
+        let (scenario, environment) = (&request.scenario, &request.environment);
+        for sorted in sorted {
+            let (scenario, environment) = (scenario.clone(), environment.clone());
+            self.events.emit(match sorted {
+                Sorted::Whole { window, verdict } => {
+                    Event::WindowCollected { scenario, environment, window, verdict }
+                }
+                Sorted::Broken { window, reason } => Event::WindowBroken { scenario, environment, window, reason },
+            })?;
+        }
+        fs::remove_dir_all(&folder)?;
+        Ok(())
+    }
+
+    /// Writes the scenario's `environment.json`: what the provider knows and what the workload saw from inside. That of
+    /// an earlier environment, whose windows may count, stays under its own name.
+    fn keep_platform(
+        &self,
+        provider: &dyn Provider,
+        environment: &dyn Environment,
+        request: &EnvironmentRequest,
+        folder: &std::path::Path,
+    ) -> Result<(), Trouble> {
+        let platform = fs::read(folder.join("environment.json"))
+            .ok()
+            .and_then(|text| serde_json::from_slice::<serde_json::Value>(&text).ok());
+        let record = json!({
+            "environment": request.environment,
+            "provider": provider.name(),
+            "host": request.host,
+            "facts": environment.facts(),
+            "platform": platform,
+        });
+        let path = self.directory.environment(&request.scenario);
+        let earlier = fs::read(&path)
+            .ok()
+            .and_then(|text| serde_json::from_slice::<serde_json::Value>(&text).ok())
+            .and_then(|earlier| earlier["environment"].as_str().map(str::to_owned));
+        if let Some(earlier) = earlier.filter(|earlier| *earlier != request.environment) {
+            fs::rename(&path, path.with_file_name(format!("environment-{earlier}.json")))?;
+        }
+        let mut text = serde_json::to_vec_pretty(&record).map_err(io::Error::from)?;
+        text.push(b'\n');
+        Ok(fs::write(&path, text)?)
+    }
+
+    async fn discard(
+        &mut self,
+        environment: Box<dyn Environment>,
+        request: &EnvironmentRequest,
+    ) -> Result<(), Trouble> {
+        let (scenario, name) = (&request.scenario, &request.environment);
+        self.events.emit(Event::EnvironmentDiscarding {
+            scenario: scenario.clone(),
+            environment: name.clone(),
+        })?;
+        environment.discard().await?;
+        Ok(self
+            .events
+            .emit(Event::EnvironmentDiscarded { scenario: scenario.clone(), environment: name.clone() })?)
+    }
+
+    /// Removes what there is of an environment that never came to measure.
+    async fn remove_remains(
+        &mut self,
+        provider: &dyn Provider,
+        request: &EnvironmentRequest,
+    ) -> Result<(), Trouble> {
+        let ours = provider.resources(request);
+        for leftover in provider.leftovers().await? {
+            let of_this_run = leftover.run.as_deref() == Some(request.run.as_str());
+            if of_this_run && ours.contains(&leftover.resource) {
+                provider.remove(&leftover).await?;
+            }
+        }
+        Ok(self.events.emit(Event::EnvironmentDiscarded {
+            scenario: request.scenario.clone(),
+            environment: request.environment.clone(),
+        })?)
+    }
+}

@@ -1,0 +1,176 @@
+//! Where a run stands, from its journal alone. The main type is [`RunState`].
+
+use std::collections::{BTreeMap, BTreeSet};
+
+use reports::run_directory::{Event, JournalEntry, Outcome};
+use workload::record::progress::Progress;
+
+/// Where a run stands.
+#[derive(Debug, Clone, Default, PartialEq)]
+pub struct RunState {
+    /// By slug; a scenario that was never started is not in it.
+    pub scenarios: BTreeMap<String, ScenarioState>,
+    /// Whether all scenarios have an outcome.
+    pub finished: bool,
+}
+
+/// Where a scenario stands.
+#[derive(Debug, Clone, Default, PartialEq)]
+pub struct ScenarioState {
+    /// How it ended, last time.
+    pub outcome: Option<Outcome>,
+    /// Why.
+    pub reason: Option<String>,
+    /// Windows that are whole in the run directory.
+    pub collected: BTreeSet<u32>,
+    /// Windows that the workload has completed, collected or not.
+    pub completed: BTreeSet<u32>,
+    /// The environment that was created, or was about to be, and is not known to be gone.
+    pub open: Option<OpenEnvironment>,
+    /// How many environments were begun.
+    pub attempts: u32,
+}
+
+/// An environment that may exist.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct OpenEnvironment {
+    /// Its name.
+    pub environment: String,
+    /// The windows it is to measure.
+    pub windows: Vec<u32>,
+}
+
+impl RunState {
+    /// Replays a journal.
+    #[must_use]
+    pub fn replay<'a>(entries: impl IntoIterator<Item = &'a JournalEntry>) -> Self {
+        let mut state = Self::default();
+        for entry in entries {
+            state.apply(&entry.event);
+        }
+        state
+    }
+
+    /// What the journal says of a scenario.
+    #[must_use]
+    pub fn scenario(&self, slug: &str) -> ScenarioState {
+        self.scenarios.get(slug).cloned().unwrap_or_default()
+    }
+
+    /// Takes one more event into account.
+    pub fn apply(&mut self, event: &Event) {
+        match event {
+            Event::RunStarted { .. } => self.finished = false,
+            Event::RunFinished => self.finished = true,
+            Event::RunInterrupted | Event::HostBusy { .. } | Event::EnvironmentCreated { .. } => {}
+            Event::EnvironmentFound { .. } | Event::EnvironmentDiscarding { .. } | Event::WindowBroken { .. } => {}
+            Event::ScenarioStarted { scenario, .. } => {
+                let state = self.entry(scenario);
+                state.outcome = None;
+                state.reason = None;
+            }
+            Event::EnvironmentCreating { scenario, environment, windows, .. } => {
+                let state = self.entry(scenario);
+                state.attempts += 1;
+                state.open =
+                    Some(OpenEnvironment { environment: environment.clone(), windows: windows.clone() });
+            }
+            Event::Workload { scenario, progress } => {
+                if let Progress::WindowComplete { window, .. } = progress {
+                    self.entry(scenario).completed.insert(*window);
+                }
+            }
+            Event::WindowCollected { scenario, window, .. } => {
+                self.entry(scenario).collected.insert(*window);
+            }
+            Event::EnvironmentDiscarded { scenario, environment } => {
+                let state = self.entry(scenario);
+                if state.open.as_ref().is_some_and(|open| open.environment == *environment) {
+                    state.open = None;
+                }
+            }
+            Event::ScenarioFinished { scenario, outcome, reason, .. } => {
+                let state = self.entry(scenario);
+                state.outcome = Some(*outcome);
+                state.reason.clone_from(reason);
+            }
+        }
+    }
+
+    fn entry(&mut self, slug: &str) -> &mut ScenarioState {
+        self.scenarios.entry(slug.to_owned()).or_default()
+    }
+}
+
+impl ScenarioState {
+    /// Whether there is nothing more to do: completed, or failed by the experiment's own word.
+    #[must_use]
+    pub fn is_settled(&self) -> bool {
+        matches!(self.outcome, Some(Outcome::Completed | Outcome::Failed)) && self.open.is_none()
+    }
+
+    /// The windows of `1..=windows` that are not in the run directory.
+    #[must_use]
+    pub fn wanted(&self, windows: u32) -> Vec<u32> {
+        (1..=windows).filter(|window| !self.collected.contains(window)).collect()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use workload::record::window::Verdict;
+
+    use super::*;
+
+    fn journal(events: Vec<Event>) -> Vec<JournalEntry> {
+        events.into_iter().map(|event| JournalEntry { at: String::new(), event }).collect()
+    }
+
+    fn creating(environment: &str, windows: Vec<u32>) -> Event {
+        Event::EnvironmentCreating {
+            scenario: "s".into(),
+            environment: environment.into(),
+            provider: "fake".into(),
+            windows,
+            resources: Vec::new(),
+        }
+    }
+
+    #[test]
+    fn an_environment_that_was_only_intended_is_still_open() {
+        let state = RunState::replay(&journal(vec![creating("e-1", vec![1, 2])]));
+        let open = state.scenario("s").open.unwrap();
+        assert_eq!((open.environment.as_str(), open.windows), ("e-1", vec![1, 2]));
+    }
+
+    #[test]
+    fn collected_windows_are_not_wanted_again_and_a_discarded_environment_is_closed() {
+        let state = RunState::replay(&journal(vec![
+            creating("e-1", vec![1, 2, 3]),
+            Event::WindowCollected {
+                scenario: "s".into(),
+                environment: "e-1".into(),
+                window: 1,
+                verdict: Verdict::Valid,
+            },
+            Event::EnvironmentDiscarded { scenario: "s".into(), environment: "e-1".into() },
+        ]));
+        let scenario = state.scenario("s");
+        assert_eq!(scenario.wanted(3), vec![2, 3]);
+        assert_eq!(scenario.open, None);
+        assert_eq!(scenario.attempts, 1);
+    }
+
+    #[test]
+    fn a_scenario_with_an_open_environment_is_not_settled_whatever_its_outcome() {
+        let finished = Event::ScenarioFinished {
+            scenario: "s".into(),
+            outcome: Outcome::Completed,
+            reason: None,
+            hint: None,
+        };
+        assert!(RunState::replay(&journal(vec![finished.clone()])).scenario("s").is_settled());
+        let state = RunState::replay(&journal(vec![creating("e-1", vec![1]), finished]));
+        assert!(!state.scenario("s").is_settled());
+    }
+}
