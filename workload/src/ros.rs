@@ -1,1 +1,34 @@
-//! (being written)
+//! ROS 1's wire protocol between the virtual hosts: the XML-RPC master, nodes with their slave API, and TCPROS topics.
+//!
+//! ```text
+//! Master      <- registerPublisher, registerSubscriber -   Node
+//!             - publisherUpdate ->                         Subscription   (XML-RPC, over HTTP)
+//! Publisher   <- requestTopic -                            Subscription   (XML-RPC, to the publisher's Node)
+//! Publisher   - header, then messages ->                   Subscription   (TCPROS)
+//! ```
+//!
+//! It is our own because the sockets and threads are part of the experiment: every socket is bound to one virtual
+//! host's address, every thread is spawned from the thread that called (so that it stays in that thread's network
+//! namespace), a message is written by the control loop itself with one system call, and TCP_NODELAY is as the
+//! subscriber asked. Debian's rosmaster, rospy and rostopic are the other side that it is held against.
+//!
+//! Sources: <http://wiki.ros.org/ROS/Master_API>, <http://wiki.ros.org/ROS/Slave_API>,
+//! <http://wiki.ros.org/ROS/TCPROS>, <http://wiki.ros.org/ROS/Parameter%20Server%20API>, and Debian's rosmaster 1.15.15
+//! where they are silent. The main types are [`Master`], [`Node`], [`Publisher`] and [`Subscription`].
+
+mod error;
+pub mod float64_multi_array;
+mod master;
+mod message_type;
+mod node;
+mod notice;
+mod publisher;
+mod subscription;
+
+pub use error::RosError;
+pub use master::Master;
+pub use message_type::MessageType;
+pub use node::{Node, NodeConfig, ThreadSetup};
+pub use notice::{Notice, Notices};
+pub use publisher::{PublishOutcome, Publisher};
+pub use subscription::Subscription;
