@@ -10,7 +10,7 @@ pub struct PlanRecord {
     pub format: u32,
     /// Every scenario, in letter order.
     pub scenarios: Vec<PlannedScenario>,
-    /// Letters of the feasible ones, in the order they run.
+    /// Letters of the feasible ones that were selected, in the order they run.
     pub order: Vec<String>,
     /// Time that measuring takes, in seconds: windows only, without setting up.
     pub measuring_s: f64,
@@ -33,6 +33,10 @@ pub struct PlannedScenario {
     pub reason: Option<String>,
     /// What would make it feasible, where something would.
     pub fix: Option<String>,
+    /// Why it is left out of this run although it may be feasible, such as "not selected by `--only b`". It is in no
+    /// order then, and has no outcome.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub not_selected: Option<String>,
     /// The workload's settings, the axes' sweeps applied.
     pub settings: Settings,
 }
