@@ -1,13 +1,36 @@
-//! The packet capture on one virtual host. The main type is [`Capture`].
+//! The packet capture on one virtual host: a packet socket on its interface (packet(7)), a reading thread, and one
+//! nanosecond pcap file a window. The main type is [`Capture`].
+//!
+//! Each packet carries the kernel's stamp (`SO_TIMESTAMPNS`, the wall clock). A packet that the host sends is stamped
+//! when its stack hands it to the device, after any queueing in the host and before the first link; one that it
+//! receives when the emulator's write enters the host's stack, after the last link. So a stamp on one host minus the
+//! stamp on another is the time on the links plus the emulator's lateness, and leaves out the sockets at both ends.
+
+mod packet_socket;
+mod window_file;
+mod window_sequence;
 
 use std::{
+    io,
     path::PathBuf,
     sync::{
         Arc,
-        mpsc::{self, Receiver},
+        mpsc::{self, Receiver, Sender, TryRecvError},
     },
+    thread::{self, JoinHandle},
+    time::{Duration, SystemTime},
 };
 
+use nix::{
+    errno::Errno,
+    sys::eventfd::{EfdFlags, EventFd},
+};
+
+use self::{
+    packet_socket::{PacketSocket, Wakened},
+    window_file::WindowFile,
+    window_sequence::{Boundary, WindowSequence},
+};
 use crate::{
     network::{Network, NetworkError},
     record::window::CaptureRecord,
@@ -18,7 +41,12 @@ use crate::{
 /// A capture on one virtual host's interface, both directions, from [`Capture::start`] until it is dropped.
 #[derive(Debug)]
 pub struct Capture {
+    host: VirtualHost,
+    snaplen: u32,
+    boundaries: Option<Sender<Boundary<WindowFile>>>,
+    wake: Arc<EventFd>,
     completed: Receiver<CapturedWindow>,
+    thread: Option<JoinHandle<()>>,
 }
 
 /// One window's file, complete and on the disk, or why not.
@@ -41,13 +69,37 @@ pub enum CaptureError {
         /// Why.
         source: NetworkError,
     },
+    /// The packet socket could not be opened, or no longer be read.
+    #[error("the capture on {host} failed: {action}")]
+    Socket {
+        /// Whose.
+        host: VirtualHost,
+        /// What failed, such as `opening a packet socket`.
+        action: &'static str,
+        /// What the kernel said.
+        source: Errno,
+    },
+    /// The reading thread could not be started.
+    #[error("the reading thread of the capture on {host} could not be started")]
+    Thread {
+        /// Whose.
+        host: VirtualHost,
+        /// Why.
+        source: Arc<io::Error>,
+    },
+    /// The reading thread has ended; its last window says why.
+    #[error("the capture on {host} has ended")]
+    Ended {
+        /// Whose.
+        host: VirtualHost,
+    },
     /// A file could not be written.
     #[error("cannot write the capture {}", file.display())]
     Write {
         /// Which.
         file: PathBuf,
         /// Why.
-        source: Arc<std::io::Error>,
+        source: Arc<io::Error>,
     },
 }
 
@@ -55,44 +107,98 @@ impl CaptureError {
     /// What to do about it, where that is known.
     #[must_use]
     pub fn hint(&self) -> Option<String> {
-        None
+        match self {
+            Self::Network { source, .. } => source.hint(),
+            Self::Socket {
+                source: Errno::EPERM, ..
+            } => Some("in a container, add the capability NET_RAW".to_owned()),
+            Self::Thread { .. } => {
+                Some("raise the limit of processes (`ulimit -u`, or the container's `pids` limit)".to_owned())
+            }
+            Self::Write { source, .. } => match source.kind() {
+                io::ErrorKind::StorageFull => {
+                    Some("make room on the disk, or lower `capture.snaplen`".to_owned())
+                }
+                io::ErrorKind::PermissionDenied => Some("choose a folder that you may write to".to_owned()),
+                _ => None,
+            },
+            Self::Socket { .. } | Self::Ended { .. } => None,
+        }
     }
 }
 
 impl Capture {
     /// Opens a packet socket on the host's interface and starts a thread that reads it. Packets are thrown away until
-    /// a window begins.
+    /// a window begins. The calling thread stays in its own namespace.
     ///
     /// # Errors
     /// If the socket cannot be opened.
     pub fn start(
         network: &dyn Network,
         host: VirtualHost,
-        _settings: &CaptureSettings,
+        settings: &CaptureSettings,
     ) -> Result<Self, CaptureError> {
-        network
-            .enter(host)
-            .map_err(|source| CaptureError::Network { host, source })?;
+        let snaplen = u32::try_from(settings.snaplen.get()).unwrap_or(u32::MAX);
+        let socket = open_within(network, host)?;
+        let wake = EventFd::from_flags(EfdFlags::EFD_CLOEXEC | EfdFlags::EFD_NONBLOCK).map_err(|source| {
+            CaptureError::Socket {
+                host,
+                action: "making an eventfd",
+                source,
+            }
+        })?;
+        let wake = Arc::new(wake);
+        let (boundaries, to_come) = mpsc::channel();
+        let (completes, completed) = mpsc::channel();
+        let reader = Reader {
+            host,
+            socket,
+            wake: wake.clone(),
+            to_come,
+            windows: WindowSequence::default(),
+            completes,
+            buffer: vec![0; usize::try_from(snaplen).unwrap_or(usize::MAX)],
+        };
+        let thread = thread::Builder::new()
+            .name(format!("capture-{host}"))
+            .spawn(move || reader.run());
+        let thread = thread.map_err(|error| CaptureError::Thread {
+            host,
+            source: Arc::new(error),
+        })?;
         Ok(Self {
-            completed: mpsc::channel().1,
+            host,
+            snaplen,
+            boundaries: Some(boundaries),
+            wake,
+            completed,
+            thread: Some(thread),
         })
     }
 
-    /// Packets stamped at or after `starts_unix_ns` go to `file`; the window before is completed without waiting for a
-    /// further packet. Call it ahead of that time, from a thread that need not be on time. The file is created now.
+    /// Packets stamped at or after `starts_unix_ns` (wall clock, nanoseconds since 1970) go to `file`; the window
+    /// before is completed shortly after that time, whether or not a further packet comes. Call it ahead of that time,
+    /// from a thread that need not be on time: the file is created now.
     ///
     /// # Errors
     /// If the file cannot be created.
-    pub fn begin_window(&self, _file: PathBuf, _starts_unix_ns: i64) -> Result<(), CaptureError> {
-        Ok(())
+    pub fn begin_window(&self, file: PathBuf, starts_unix_ns: i64) -> Result<(), CaptureError> {
+        let file = WindowFile::create(file, self.snaplen)?;
+        self.announce(Boundary {
+            at_unix_ns: starts_unix_ns,
+            next: Some(file),
+        })
     }
 
-    /// Ends the last window at that time.
+    /// Ends the last window at that time. A window that was to begin then or later never begins: its file is removed.
     ///
     /// # Errors
     /// If the reading thread is gone.
-    pub fn end(&self, _at_unix_ns: i64) -> Result<(), CaptureError> {
-        Ok(())
+    pub fn end(&self, at_unix_ns: i64) -> Result<(), CaptureError> {
+        self.announce(Boundary {
+            at_unix_ns,
+            next: None,
+        })
     }
 
     /// One for each completed window, in order. It closes when the reading thread ends.
@@ -100,4 +206,161 @@ impl Capture {
     pub fn completed(&self) -> &Receiver<CapturedWindow> {
         &self.completed
     }
+
+    fn announce(&self, boundary: Boundary<WindowFile>) -> Result<(), CaptureError> {
+        let ended = CaptureError::Ended { host: self.host };
+        let sender = self.boundaries.as_ref().ok_or(ended.clone())?;
+        sender.send(boundary).map_err(|_| ended)?;
+        // An eventfd's counter takes 2^64 − 2 of these.
+        let _ = self.wake.write(1);
+        Ok(())
+    }
+}
+
+/// Ends the window under way, as far as it got.
+impl Drop for Capture {
+    fn drop(&mut self) {
+        self.boundaries = None;
+        let _ = self.wake.write(1);
+        if let Some(thread) = self.thread.take() {
+            let _ = thread.join();
+        }
+    }
+}
+
+/// Opens the socket on a thread of its own, since a thread cannot easily leave a namespace that it has entered.
+fn open_within(network: &dyn Network, host: VirtualHost) -> Result<PacketSocket, CaptureError> {
+    thread::scope(|scope| {
+        let open =
+            || {
+                network
+                    .enter(host)
+                    .map_err(|source| CaptureError::Network { host, source })?;
+                PacketSocket::open(&network.interface(host))
+                    .map_err(|(action, source)| CaptureError::Socket { host, action, source })
+            };
+        let thread = thread::Builder::new()
+            .spawn_scoped(scope, open)
+            .map_err(|error| CaptureError::Thread {
+                host,
+                source: Arc::new(error),
+            })?;
+        thread
+            .join()
+            .unwrap_or_else(|payload| std::panic::resume_unwind(payload))
+    })
+}
+
+/// The reading thread.
+struct Reader {
+    host: VirtualHost,
+    socket: PacketSocket,
+    wake: Arc<EventFd>,
+    to_come: Receiver<Boundary<WindowFile>>,
+    windows: WindowSequence<WindowFile>,
+    completes: Sender<CapturedWindow>,
+    buffer: Vec<u8>,
+}
+
+impl Reader {
+    fn run(mut self) {
+        let failure = self.read_until_dropped().err();
+        let (current, cancelled) = std::mem::take(&mut self.windows).into_windows();
+        if let Some(window) = current {
+            self.complete(window, failure);
+        }
+        cancelled.into_iter().for_each(WindowFile::discard);
+    }
+
+    fn read_until_dropped(&mut self) -> Result<(), CaptureError> {
+        let host = self.host;
+        let failed = |action| move |source| CaptureError::Socket { host, action, source };
+        loop {
+            let patience = self.windows.next_crossing_unix_ns().map(time_until);
+            let wakened = self
+                .socket
+                .wait(&self.wake, patience)
+                .map_err(failed("waiting for packets"))?;
+            // The time is read before the socket is emptied: what was stamped before it is then in its file.
+            let now_unix_ns = unix_now_ns();
+            if wakened == Wakened::ByOwner && !self.take_boundaries() {
+                return Ok(());
+            }
+            while let Some(packet) = self
+                .socket
+                .receive(&mut self.buffer)
+                .map_err(failed("reading packets"))?
+            {
+                let kept = self.buffer.get(..packet.kept_bytes).unwrap_or(&self.buffer);
+                if let Some(window) = self.windows.at(packet.stamp_unix_ns) {
+                    window.write(packet.stamp_unix_ns, packet.original_bytes, kept);
+                }
+            }
+            while let Some(ended) = self.windows.cross(now_unix_ns) {
+                self.cross(ended);
+            }
+        }
+    }
+
+    /// False when there are no more, since the capture was dropped.
+    fn take_boundaries(&mut self) -> bool {
+        // Empties the counter; it is empty already if several owners' calls came as one.
+        let _ = self.wake.read();
+        loop {
+            match self.to_come.try_recv() {
+                Ok(boundary) => self
+                    .windows
+                    .announce(boundary)
+                    .into_iter()
+                    .for_each(WindowFile::discard),
+                Err(TryRecvError::Empty) => return true,
+                Err(TryRecvError::Disconnected) => return false,
+            }
+        }
+    }
+
+    /// A boundary has passed, and with it perhaps a window.
+    fn cross(&mut self, ended: Option<WindowFile>) {
+        match ended {
+            Some(window) => self.complete(window, None),
+            // Drops of the time without a window are nobody's: reading the counter clears it.
+            None => drop(self.socket.take_drops()),
+        }
+    }
+
+    fn complete(&mut self, window: WindowFile, failure: Option<CaptureError>) {
+        let host = self.host;
+        let drops = self.socket.take_drops();
+        let drops = drops.map_err(|source| CaptureError::Socket {
+            host,
+            action: "counting what was dropped",
+            source,
+        });
+        let file = window.path().to_owned();
+        let written = window.complete();
+        let outcome = match (failure, written, drops) {
+            (Some(error), _, _) | (None, Err(error), _) | (None, Ok(_), Err(error)) => Err(error),
+            (None, Ok(packets), Ok(dropped)) => Ok(CaptureRecord {
+                host,
+                packets,
+                dropped,
+            }),
+        };
+        // Nobody may want to know any more.
+        let _ = self.completes.send(CapturedWindow { file, outcome });
+    }
+}
+
+/// The wall clock, in nanoseconds since 1970.
+fn unix_now_ns() -> i64 {
+    let since = SystemTime::now()
+        .duration_since(SystemTime::UNIX_EPOCH)
+        .unwrap_or_default();
+    i64::try_from(since.as_nanos()).unwrap_or(i64::MAX)
+}
+
+/// How long it is until a time on the wall clock; nothing if it has passed.
+fn time_until(unix_ns: i64) -> Duration {
+    let ns = unix_ns.saturating_sub(unix_now_ns());
+    Duration::from_nanos(u64::try_from(ns).unwrap_or(0))
 }

@@ -3,8 +3,22 @@
 //! [`open`] gives the network that the settings name. Everything it makes lives as long as the process at most: the
 //! namespaces have no name and the devices are not persistent, so that even `kill -9` leaves nothing behind.
 
+mod device;
+mod emulator;
+mod ipv6;
+pub mod link;
+mod namespace;
+mod priority;
+pub mod star;
+pub mod switch;
+mod userspace;
+
+use std::hash::{BuildHasher, Hasher, RandomState};
+
 use nix::errno::Errno;
 
+pub use self::namespace::become_namespace_root;
+use self::userspace::Userspace;
 use crate::{
     record::window::LinkRecord,
     settings::{NetworkBackend, NetworkSettings},
@@ -33,11 +47,51 @@ pub trait Network: Send + Sync {
 /// Why there is no network, or no longer.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
 pub enum NetworkError {
-    /// The kernel refused a step of building or using the network.
-    #[error("{action} failed")]
-    Refused {
-        /// What was to be done, such as `creating a network namespace`.
-        action: String,
+    /// An ordinary user could not become root of a user namespace.
+    #[error("this user may not have a user namespace")]
+    UserNamespace {
+        /// What the kernel said.
+        source: Errno,
+    },
+    /// No network namespace.
+    #[error("a network namespace could not be made")]
+    Namespace {
+        /// What the kernel said.
+        source: Errno,
+    },
+    /// No way into a host's namespace.
+    #[error("a network namespace could not be entered")]
+    Enter {
+        /// What the kernel said.
+        source: Errno,
+    },
+    /// No TUN/TAP.
+    #[error("/dev/net/tun could not be opened")]
+    TunDevice {
+        /// What the kernel said.
+        source: Errno,
+    },
+    /// A host's interface could not be set up.
+    #[error("interface {interface}: {action} failed")]
+    Interface {
+        /// Its name.
+        interface: String,
+        /// What was to be done with it, such as `setting its address`.
+        action: &'static str,
+        /// What the kernel said.
+        source: Errno,
+    },
+    /// A thread of the network could not be started.
+    #[error("a thread of the network could not be started")]
+    Thread {
+        /// What the kernel said.
+        source: Errno,
+    },
+    /// The network was up and no longer carries packets.
+    #[error("the network stopped: {action} failed")]
+    Carrying {
+        /// What was to be done, such as `waiting for packets`.
+        action: &'static str,
         /// What the kernel said.
         source: Errno,
     },
@@ -47,41 +101,70 @@ impl NetworkError {
     /// What to do about it, where that is known.
     #[must_use]
     pub fn hint(&self) -> Option<String> {
-        None
+        let hint = match self {
+            Self::UserNamespace {
+                source: Errno::EINVAL,
+            } => {
+                "this is a mistake in the program: it has started threads before asking for a user namespace"
+            }
+            Self::UserNamespace { .. } => {
+                "run as root, or allow user namespaces to ordinary users: as root `sysctl -w \
+                 user.max_user_namespaces=15000`, on Debian also `kernel.unprivileged_userns_clone=1`, on Ubuntu also \
+                 `kernel.apparmor_restrict_unprivileged_userns=0`; in a container, add the capabilities NET_ADMIN and \
+                 SYS_ADMIN"
+            }
+            Self::Namespace {
+                source: Errno::ENOSPC,
+            } => "the limit is reached: as root `sysctl -w user.max_net_namespaces=15000`",
+            Self::Namespace { .. } | Self::Enter { .. } => {
+                "run as root; in a container, add the capabilities NET_ADMIN and SYS_ADMIN"
+            }
+            Self::TunDevice {
+                source: Errno::EACCES | Errno::EPERM,
+            } => {
+                "as root `chmod 0666 /dev/net/tun`, which is its usual mode; in a container, pass the device \
+                 `/dev/net/tun`"
+            }
+            Self::TunDevice { .. } => {
+                "load the module: `modprobe tun`; in a container, pass the device `/dev/net/tun`"
+            }
+            Self::Interface {
+                source: Errno::EPERM, ..
+            } => "in a container, add the capability NET_ADMIN",
+            Self::Thread { .. } => {
+                "raise the limit of processes (`ulimit -u`, or the container's `pids` limit)"
+            }
+            Self::Interface { .. } | Self::Carrying { .. } => return None,
+        };
+        Some(hint.to_owned())
     }
 }
 
-/// Lets an ordinary user build networks: moves the process into a user namespace of its own in which it is root, if
-/// it lacks the rights to make network namespaces. Call it first thing, while the process has one thread.
-///
-/// # Errors
-/// If the kernel does not let ordinary users have user namespaces.
-pub fn become_namespace_root() -> Result<(), NetworkError> {
-    Ok(())
-}
-
 /// Builds the network that the settings name and starts carrying packets. Its own threads ask for the SCHED_FIFO
-/// priority `emulator_priority`, 0 for none, and go on without it where it is refused.
+/// priority `emulator_priority`, 0 for none, and go on without it where it is refused. Without a seed in the settings
+/// every network draws its own losses and delays.
 ///
 /// # Errors
 /// If the platform does not offer what it needs.
-pub fn open(settings: &NetworkSettings, _emulator_priority: u8) -> Result<Box<dyn Network>, NetworkError> {
-    survey(settings.backend)?;
-    Err(NetworkError::Refused {
-        action: "opening the network".into(),
-        source: Errno::ENOSYS,
-    })
+pub fn open(settings: &NetworkSettings, emulator_priority: u8) -> Result<Box<dyn Network>, NetworkError> {
+    let seed = settings.seed.unwrap_or_else(random_seed);
+    match settings.backend {
+        NetworkBackend::Userspace => Ok(Box::new(Userspace::open(settings, seed, emulator_priority)?)),
+    }
 }
 
-/// Whether such a network can work here: makes what one host needs, and drops it.
+/// Whether such a network can work here: makes what one host needs, and drops it. An ordinary user calls
+/// [`become_namespace_root`] first.
 ///
 /// # Errors
 /// What is missing.
 pub fn survey(backend: NetworkBackend) -> Result<(), NetworkError> {
     match backend {
-        NetworkBackend::Userspace => Err(NetworkError::Refused {
-            action: "opening the network".into(),
-            source: Errno::ENOSYS,
-        }),
+        NetworkBackend::Userspace => userspace::survey(),
     }
+}
+
+/// The standard library's only source of randomness: the keys of a new hash map are drawn by the operating system.
+fn random_seed() -> u64 {
+    RandomState::new().build_hasher().finish()
 }

@@ -1,0 +1,89 @@
+//! The `userspace` network: a namespace and a TAP device for each host, links and switch in this process. The main
+//! type is [`Userspace`].
+
+use super::{
+    Network, NetworkError,
+    device::{self, Interface, Tap},
+    emulator::Emulator,
+    link::Impairment,
+    namespace::Namespace,
+    star::Star,
+};
+use crate::{record::window::LinkRecord, settings::NetworkSettings, virtual_host::VirtualHost};
+
+/// A network that is up until it is dropped.
+#[derive(Debug)]
+pub struct Userspace {
+    // Before the namespaces, so that the devices are closed while their namespaces still exist.
+    emulator: Emulator,
+    namespaces: [Namespace; 3],
+}
+
+impl Userspace {
+    /// Makes the namespaces and devices and starts the emulator.
+    ///
+    /// # Errors
+    /// If the platform does not offer what it needs.
+    pub fn open(settings: &NetworkSettings, seed: u64, emulator_priority: u8) -> Result<Self, NetworkError> {
+        let (h1, h1_tap) = make_host(VirtualHost::H1)?;
+        let (sta1, sta1_tap) = make_host(VirtualHost::Sta1)?;
+        let (sta2, sta2_tap) = make_host(VirtualHost::Sta2)?;
+        let star = Star::new(Impairment::from(settings), seed);
+        let emulator = Emulator::start([h1_tap, sta1_tap, sta2_tap], star, emulator_priority)?;
+        Ok(Self {
+            emulator,
+            namespaces: [h1, sta1, sta2],
+        })
+    }
+}
+
+impl Network for Userspace {
+    fn enter(&self, host: VirtualHost) -> Result<(), NetworkError> {
+        self.namespaces[host.index()].enter()
+    }
+
+    fn interface(&self, host: VirtualHost) -> String {
+        host.interface()
+    }
+
+    fn links(&self) -> Vec<LinkRecord> {
+        self.emulator.links().to_vec()
+    }
+
+    fn failure(&self) -> Option<NetworkError> {
+        self.emulator.failure()
+    }
+}
+
+/// Makes one host and drops it.
+///
+/// # Errors
+/// What is missing.
+pub fn survey() -> Result<(), NetworkError> {
+    make_host(VirtualHost::H1).map(drop)
+}
+
+/// The host's namespace and its device, which is up and knows the other hosts.
+fn make_host(host: VirtualHost) -> Result<(Namespace, Tap), NetworkError> {
+    let namespace = Namespace::create()?;
+    let tap = namespace.within(|| {
+        let interface = interface_of(host);
+        let tap = Tap::create(&interface.name)?;
+        let neighbours: Vec<_> = VirtualHost::ALL
+            .into_iter()
+            .filter(|other| *other != host)
+            .map(interface_of)
+            .collect();
+        device::configure(&interface, &neighbours)?;
+        Ok(tap)
+    })?;
+    Ok((namespace, tap))
+}
+
+fn interface_of(host: VirtualHost) -> Interface {
+    Interface {
+        name: host.interface(),
+        mac: host.mac(),
+        address: host.address(),
+    }
+}
