@@ -1,8 +1,12 @@
-//! The command line. The main type is [`Arguments`].
-
-use std::path::PathBuf;
+//! The command line. The main type is [`Arguments`]; what only one command takes stands with that command.
 
 use clap::{Args, Parser, Subcommand};
+
+use crate::command::{
+    check::CheckArguments, clean::CleanArguments, completions::CompletionsArguments, doctor::DoctorArguments,
+    ks::KsArguments, plan::PlanArguments, report::ReportArguments, resume::ResumeArguments, run::RunArguments,
+    status::StatusArguments,
+};
 
 const AFTER_HELP: &str = "\
 Exit codes:
@@ -26,103 +30,30 @@ pub struct Arguments {
 #[derive(Debug, Subcommand)]
 pub enum Command {
     /// Say whether a matrix file is right.
-    Check {
-        /// The matrix file.
-        file: PathBuf,
-        #[command(flatten)]
-        selection: SelectionArguments,
-        #[command(flatten)]
-        output: OutputArguments,
-    },
+    Check(CheckArguments),
     /// Show every scenario, whether it can run here and why not, the order, the duration.
-    Plan {
-        /// The matrix file.
-        file: PathBuf,
-        #[command(flatten)]
-        selection: SelectionArguments,
-        #[command(flatten)]
-        output: OutputArguments,
-    },
+    Plan(PlanArguments),
     /// Measure every scenario that can run here and print the tables.
-    Run {
-        /// The matrix file.
-        file: PathBuf,
-        #[command(flatten)]
-        selection: SelectionArguments,
-        /// Folder in which the run directory is made.
-        #[arg(long, value_name = "DIR", default_value = "runs")]
-        out: PathBuf,
-        /// Say what would be done, create nothing.
-        #[arg(long)]
-        dry_run: bool,
-        #[command(flatten)]
-        output: OutputArguments,
-    },
+    Run(RunArguments),
     /// Go on with a run that was interrupted or killed.
-    Resume {
-        /// The run directory.
-        run: PathBuf,
-        /// Say what would be done, create nothing.
-        #[arg(long)]
-        dry_run: bool,
-        #[command(flatten)]
-        output: OutputArguments,
-    },
+    Resume(ResumeArguments),
     /// Say where a run stands.
-    Status {
-        /// The run directory.
-        run: PathBuf,
-        #[command(flatten)]
-        output: OutputArguments,
-    },
+    Status(StatusArguments),
     /// Make the tables and figures of a run, into its `report/` folder and on the terminal.
-    Report {
-        /// The run directory.
-        run: PathBuf,
-        /// Another level than the matrix file's.
-        #[arg(long)]
-        alpha: Option<f64>,
-        /// Another metric than the matrix file's: mean-abs-sum, mean-abs-x, mean-abs-y, mean-distance, root-mean-square.
-        #[arg(long)]
-        metric: Option<String>,
-        /// Another number of first periods to leave out than the matrix file's.
-        #[arg(long, value_name = "N")]
-        discard_periods: Option<u32>,
-        #[command(flatten)]
-        output: OutputArguments,
-    },
+    Report(ReportArguments),
     /// Compare two files of numbers, one a line, with the two-sample Kolmogorov-Smirnov test.
-    Ks {
-        /// One sample.
-        x: PathBuf,
-        /// The other.
-        y: PathBuf,
-        #[command(flatten)]
-        output: OutputArguments,
-    },
+    Ks(KsArguments),
     /// List what earlier runs left behind on this machine, then remove it.
-    Clean {
-        /// Only list.
-        #[arg(long)]
-        dry_run: bool,
-        #[command(flatten)]
-        output: OutputArguments,
-    },
+    Clean(CleanArguments),
     /// Say what this machine can do, what is missing and how to get it.
-    Doctor {
-        #[command(flatten)]
-        output: OutputArguments,
-    },
+    Doctor(DoctorArguments),
     /// Print the JSON Schema of matrix files.
     Schema,
     /// Print a shell's completions.
-    Completions {
-        /// The shell.
-        shell: clap_complete::Shell,
-    },
+    Completions(CompletionsArguments),
 }
 
-/// Which scenarios.
+/// Which scenarios, and in which order.
 #[derive(Debug, Clone, Default, Args)]
 pub struct SelectionArguments {
     /// A profile of the matrix file.

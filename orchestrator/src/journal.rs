@@ -23,7 +23,8 @@ impl JournalError {
     /// What to do about it.
     #[must_use]
     pub fn hint(&self) -> String {
-        "make room on the disk, or give `--out` a folder that you may write to, then `matrix resume`".to_owned()
+        "make room on the disk, or give `--out` a folder that you may write to, then `matrix resume`"
+            .to_owned()
     }
 }
 
@@ -41,8 +42,16 @@ impl Journal {
     /// # Errors
     /// When the file cannot be opened or written.
     pub fn open(path: &Path) -> Result<Self, JournalError> {
-        let fail = |source| JournalError { path: path.to_owned(), source };
-        let mut file = OpenOptions::new().read(true).append(true).create(true).open(path).map_err(fail)?;
+        let fail = |source| JournalError {
+            path: path.to_owned(),
+            source,
+        };
+        let mut file = OpenOptions::new()
+            .read(true)
+            .append(true)
+            .create(true)
+            .open(path)
+            .map_err(fail)?;
         if file.metadata().map_err(fail)?.len() > 0 {
             let mut last = [0];
             file.seek(SeekFrom::End(-1)).map_err(fail)?;
@@ -51,7 +60,10 @@ impl Journal {
                 file.write_all(b"\n").map_err(fail)?;
             }
         }
-        Ok(Self { path: path.to_owned(), file })
+        Ok(Self {
+            path: path.to_owned(),
+            file,
+        })
     }
 
     /// Appends one event and waits until it is on disk.
@@ -60,10 +72,16 @@ impl Journal {
     /// When it could not be written.
     pub fn append(&mut self, event: Event) -> Result<JournalEntry, JournalError> {
         let entry = JournalEntry { at: now(), event };
-        let fail = |source| JournalError { path: self.path.clone(), source };
+        let fail = |source| JournalError {
+            path: self.path.clone(),
+            source,
+        };
         let mut line = serde_json::to_vec(&entry).map_err(|error| fail(error.into()))?;
         line.push(b'\n');
-        self.file.write_all(&line).and_then(|()| self.file.sync_data()).map_err(fail)?;
+        self.file
+            .write_all(&line)
+            .and_then(|()| self.file.sync_data())
+            .map_err(fail)?;
         Ok(entry)
     }
 }
@@ -83,7 +101,10 @@ mod tests {
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("events.jsonl");
         std::fs::write(&path, r#"{"at":"2026-01-01T00:00:00.000Z","event":"run-fin"#).unwrap();
-        Journal::open(&path).unwrap().append(Event::RunInterrupted).unwrap();
+        Journal::open(&path)
+            .unwrap()
+            .append(Event::RunInterrupted)
+            .unwrap();
         let text = std::fs::read_to_string(&path).unwrap();
         assert_eq!(text.lines().count(), 2);
         let last: JournalEntry = serde_json::from_str(text.lines().last().unwrap()).unwrap();

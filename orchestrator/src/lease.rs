@@ -46,7 +46,13 @@ impl Holder {
 
 impl std::fmt::Display for Holder {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
-        write!(f, "process {} with {} since {}", self.pid, self.run_directory.display(), self.since)
+        write!(
+            f,
+            "process {} with {} since {}",
+            self.pid,
+            self.run_directory.display(),
+            self.since
+        )
     }
 }
 
@@ -84,7 +90,9 @@ impl Queue {
     /// When the kernel refuses.
     pub fn wait(self, holder: &Holder) -> Result<Lease, LeaseError> {
         let Self { path, file } = self;
-        file.lock().and_then(|()| hold(file, holder)).map_err(|source| LeaseError { path, source })
+        file.lock()
+            .and_then(|()| hold(file, holder))
+            .map_err(|source| LeaseError { path, source })
     }
 }
 
@@ -93,7 +101,10 @@ impl Queue {
 /// # Errors
 /// When the file cannot be opened or locked.
 pub fn ask(path: &Path, holder: &Holder) -> Result<Asked, LeaseError> {
-    let fail = |source| LeaseError { path: path.to_owned(), source };
+    let fail = |source| LeaseError {
+        path: path.to_owned(),
+        source,
+    };
     let mut file = open(path).map_err(fail)?;
     match file.try_lock() {
         Ok(()) => hold(file, holder).map(Asked::Granted).map_err(fail),
@@ -101,7 +112,13 @@ pub fn ask(path: &Path, holder: &Holder) -> Result<Asked, LeaseError> {
             let mut text = String::new();
             file.read_to_string(&mut text).map_err(fail)?;
             let holder = serde_json::from_str(&text).ok();
-            Ok(Asked::Held { holder, queue: Queue { path: path.to_owned(), file } })
+            Ok(Asked::Held {
+                holder,
+                queue: Queue {
+                    path: path.to_owned(),
+                    file,
+                },
+            })
         }
         Err(TryLockError::Error(source)) => Err(fail(source)),
     }
@@ -125,7 +142,12 @@ fn open(path: &Path) -> std::io::Result<File> {
     let existing = OpenOptions::new().read(true).write(true).open(path);
     match existing {
         Err(error) if error.kind() == std::io::ErrorKind::NotFound => {
-            let file = OpenOptions::new().read(true).write(true).create(true).truncate(false).open(path)?;
+            let file = OpenOptions::new()
+                .read(true)
+                .write(true)
+                .create(true)
+                .truncate(false)
+                .open(path)?;
             file.set_permissions(std::fs::Permissions::from_mode(0o666))?;
             Ok(file)
         }
@@ -146,16 +168,24 @@ mod tests {
     use super::*;
 
     fn holder() -> Holder {
-        Holder { pid: 7, run_directory: "/runs/one".into(), since: "2026-01-01T00:00:00.000Z".into() }
+        Holder {
+            pid: 7,
+            run_directory: "/runs/one".into(),
+            since: "2026-01-01T00:00:00.000Z".into(),
+        }
     }
 
     #[test]
     fn the_second_to_ask_is_told_who_holds_the_lease_and_gets_it_afterwards() {
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("lease");
-        let Asked::Granted(lease) = ask(&path, &holder()).unwrap() else { panic!("nobody holds it") };
+        let Asked::Granted(lease) = ask(&path, &holder()).unwrap() else {
+            panic!("nobody holds it")
+        };
         assert!(is_held(&path));
-        let Asked::Held { holder: told, queue } = ask(&path, &holder()).unwrap() else { panic!("it is held") };
+        let Asked::Held { holder: told, queue } = ask(&path, &holder()).unwrap() else {
+            panic!("it is held")
+        };
         assert_eq!(told, Some(holder()));
         let waiting = std::thread::spawn(move || queue.wait(&holder()).unwrap());
         drop(lease);

@@ -1,3 +1,8 @@
 //! Matrix file -> plan -> run -> run directory.
 
+pub mod exit;
+pub mod journal;
+pub mod lease;
+pub mod observer;
 pub mod provider;
+pub mod run;

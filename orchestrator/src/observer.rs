@@ -29,7 +29,11 @@ impl Events {
     /// Goes on from `state`, which the journal's earlier lines gave.
     #[must_use]
     pub fn new(journal: Journal, state: RunState, observers: Vec<Box<dyn Observer>>) -> Self {
-        Self { journal, state, observers }
+        Self {
+            journal,
+            state,
+            observers,
+        }
     }
 
     /// Where the run stands after all that was said.
@@ -44,7 +48,13 @@ impl Events {
     /// # Errors
     /// When the journal cannot be written; the thing must then not be done.
     pub fn emit(&mut self, event: Event) -> Result<(), JournalError> {
-        if !matches!(event, Event::Workload { progress: Progress::Health { .. }, .. }) {
+        if !matches!(
+            event,
+            Event::Workload {
+                progress: Progress::Health { .. },
+                ..
+            }
+        ) {
             self.journal.append(event.clone())?;
         }
         self.state.apply(&event);

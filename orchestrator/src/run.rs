@@ -71,12 +71,18 @@ impl Run<'_> {
     /// # Errors
     /// When the run cannot go on at all.
     pub async fn execute(&mut self, resumed: bool) -> Result<(), RunError> {
-        self.events.emit(Event::RunStarted { pid: std::process::id(), resumed })?;
+        self.events.emit(Event::RunStarted {
+            pid: std::process::id(),
+            resumed,
+        })?;
         let Some(_lease) = self.lease_host().await? else {
             return Ok(self.events.emit(Event::RunInterrupted)?);
         };
         let plan = self.plan;
-        let ordered = plan.order.iter().filter_map(|id| plan.scenarios.iter().find(|planned| planned.id == *id));
+        let ordered = plan
+            .order
+            .iter()
+            .filter_map(|id| plan.scenarios.iter().find(|planned| planned.id == *id));
         for planned in ordered.filter(|planned| planned.feasible) {
             if self.events.state().scenario(&planned.slug).is_settled() {
                 continue;
@@ -87,8 +93,17 @@ impl Run<'_> {
             self.scenario(planned).await?;
         }
         let interrupted = self.stop.is_requested()
-            || self.events.state().scenarios.values().any(|s| s.outcome == Some(Outcome::Interrupted));
-        Ok(self.events.emit(if interrupted { Event::RunInterrupted } else { Event::RunFinished })?)
+            || self
+                .events
+                .state()
+                .scenarios
+                .values()
+                .any(|s| s.outcome == Some(Outcome::Interrupted));
+        Ok(self.events.emit(if interrupted {
+            Event::RunInterrupted
+        } else {
+            Event::RunFinished
+        })?)
     }
 
     /// Waits for this machine; `None` when asked to stop meanwhile.
@@ -99,7 +114,10 @@ impl Run<'_> {
             Asked::Held { holder, queue } => (holder, queue),
         };
         let holder_words = told.map_or_else(|| "another process".to_owned(), |told| told.to_string());
-        self.events.emit(Event::HostBusy { host: "this machine".to_owned(), holder: holder_words })?;
+        self.events.emit(Event::HostBusy {
+            host: "this machine".to_owned(),
+            holder: holder_words,
+        })?;
         let waiting = tokio::task::spawn_blocking(move || queue.wait(&holder));
         tokio::select! {
             granted = waiting => match granted {

@@ -373,7 +373,7 @@ impl BitRate {
     }
 
     fn from_base_unit(bits: f64) -> Option<Self> {
-        (bits >= 1.0 && bits <= 1e12).then(|| Self(bits.round() as u64))
+        (1.0..=1e12).contains(&bits).then(|| Self(bits.round() as u64))
     }
 }
 

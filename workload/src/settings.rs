@@ -289,7 +289,7 @@ impl Settings {
                 "the period is zero".into(),
                 "write a length such as `100s`".into(),
             );
-        } else if self.window.as_nanos() == 0 || !self.window.as_nanos().is_multiple_of(period) {
+        } else if self.window.as_nanos() == 0 || self.window.as_nanos() % period != 0 {
             let periods = (self.window.as_nanos() as f64 / period as f64).round().max(1.0) as u64;
             problem(
                 "window",

@@ -34,23 +34,50 @@ pub fn line(event: &Event) -> Option<String> {
         Event::RunStarted { .. } | Event::EnvironmentDiscarding { .. } => return None,
         Event::HostBusy { host, holder } => format!("{host}: waiting, held by {holder}"),
         Event::ScenarioStarted { scenario, windows } => format!("{scenario}: windows {}", list(windows)),
-        Event::EnvironmentCreating { scenario, provider, environment, .. } => {
+        Event::EnvironmentCreating {
+            scenario,
+            provider,
+            environment,
+            ..
+        } => {
             format!("{scenario}: creating {provider} environment {environment}")
         }
         Event::EnvironmentCreated { scenario, .. } => format!("{scenario}: environment is up"),
-        Event::EnvironmentFound { scenario, environment, running } => {
+        Event::EnvironmentFound {
+            scenario,
+            environment,
+            running,
+        } => {
             let doing = if *running { "still measuring" } else { "ended" };
             format!("{scenario}: found {environment} again, {doing}")
         }
         Event::Workload { scenario, progress } => format!("{scenario}: {}", said(progress)?),
-        Event::WindowCollected { scenario, window, verdict, .. } => {
-            format!("{scenario}: window {window} collected, {}", verdict_word(*verdict))
+        Event::WindowCollected {
+            scenario,
+            window,
+            verdict,
+            ..
+        } => {
+            format!(
+                "{scenario}: window {window} collected, {}",
+                verdict_word(*verdict)
+            )
         }
-        Event::WindowBroken { scenario, window, reason, .. } => {
+        Event::WindowBroken {
+            scenario,
+            window,
+            reason,
+            ..
+        } => {
             format!("{scenario}: window {window} broke and is kept aside: {reason}")
         }
         Event::EnvironmentDiscarded { scenario, .. } => format!("{scenario}: environment discarded"),
-        Event::ScenarioFinished { scenario, outcome, reason, hint } => {
+        Event::ScenarioFinished {
+            scenario,
+            outcome,
+            reason,
+            hint,
+        } => {
             let mut line = format!("{scenario}: {}", outcome_word(*outcome));
             for part in [reason, hint].into_iter().flatten() {
                 line.push_str(": ");
@@ -115,7 +142,10 @@ mod tests {
             reason: Some("no space left".into()),
             hint: Some("make room".into()),
         };
-        assert_eq!(line(&event).unwrap(), "x86-64-debian-12-docker: errored: no space left: make room");
+        assert_eq!(
+            line(&event).unwrap(),
+            "x86-64-debian-12-docker: errored: no space left: make room"
+        );
     }
 
     #[test]
@@ -127,6 +157,12 @@ mod tests {
             missed_deadlines: 0,
             worst_lateness_ns: 0,
         };
-        assert_eq!(line(&Event::Workload { scenario: "s".into(), progress }), None);
+        assert_eq!(
+            line(&Event::Workload {
+                scenario: "s".into(),
+                progress
+            }),
+            None
+        );
     }
 }

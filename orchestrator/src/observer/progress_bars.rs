@@ -29,7 +29,10 @@ impl ProgressBars {
     #[must_use]
     pub fn new(plan: &PlanRecord) -> Self {
         let bars = MultiProgress::with_draw_target(ProgressDrawTarget::stderr_with_hz(4));
-        let planned = plan.order.iter().filter_map(|id| plan.scenarios.iter().find(|s| s.id == *id));
+        let planned = plan
+            .order
+            .iter()
+            .filter_map(|id| plan.scenarios.iter().find(|s| s.id == *id));
         let scenarios = planned
             .map(|planned| {
                 let settings = &planned.settings;
@@ -53,13 +56,17 @@ impl ProgressBars {
 
 fn style() -> ProgressStyle {
     // The template is ours and fixed; should it ever be wrong, a plain bar is what a user gets.
-    ProgressStyle::with_template("{prefix:32!} {bar:20} {msg}").unwrap_or_else(|_| ProgressStyle::default_bar())
+    ProgressStyle::with_template("{prefix:32!} {bar:20} {msg}")
+        .unwrap_or_else(|_| ProgressStyle::default_bar())
 }
 
 impl Observer for ProgressBars {
     fn observe(&mut self, event: &Event) {
         match event {
-            Event::Workload { scenario, progress: Progress::Health { .. } } => {
+            Event::Workload {
+                scenario,
+                progress: Progress::Health { .. },
+            } => {
                 if let (Some(scenario), Event::Workload { progress, .. }) =
                     (self.scenarios.get_mut(scenario), event)
                 {
@@ -67,10 +74,14 @@ impl Observer for ProgressBars {
                 }
             }
             Event::Workload { scenario, progress } => {
-                if let (Some(scenario), Some(line)) = (self.scenarios.get_mut(scenario), plain_log::line(event)) {
+                if let (Some(scenario), Some(line)) =
+                    (self.scenarios.get_mut(scenario), plain_log::line(event))
+                {
                     if let Progress::WindowComplete { .. } = progress {
                         scenario.windows_done += 1;
-                        scenario.bar.set_position(scenario.windows_done * scenario.steps_per_window);
+                        scenario
+                            .bar
+                            .set_position(scenario.windows_done * scenario.steps_per_window);
                     }
                     scenario.bar.set_message(after_colon(&line));
                 }
@@ -93,7 +104,14 @@ impl Observer for ProgressBars {
 
 impl Scenario {
     fn health(&mut self, progress: &Progress) {
-        let Progress::Health { window, steps_done, missed_deadlines, worst_lateness_ns, .. } = progress else {
+        let Progress::Health {
+            window,
+            steps_done,
+            missed_deadlines,
+            worst_lateness_ns,
+            ..
+        } = progress
+        else {
             return;
         };
         let done = self.windows_done * self.steps_per_window + steps_done;
@@ -110,5 +128,6 @@ impl Scenario {
 }
 
 fn after_colon(line: &str) -> String {
-    line.split_once(": ").map_or_else(|| line.to_owned(), |(_, rest)| rest.to_owned())
+    line.split_once(": ")
+        .map_or_else(|| line.to_owned(), |(_, rest)| rest.to_owned())
 }

@@ -60,7 +60,11 @@ pub fn sort_windows(
         }
         let place = run.window(slug, window);
         let verified = verify(&folder).and_then(|verdict| {
-            if place.exists() { Err("the run directory has this window already".to_owned()) } else { Ok(verdict) }
+            if place.exists() {
+                Err("the run directory has this window already".to_owned())
+            } else {
+                Ok(verdict)
+            }
         });
         match verified {
             Ok(verdict) => {
@@ -87,23 +91,35 @@ pub fn verify(folder: &Path) -> Result<Verdict, String> {
         io::ErrorKind::NotFound => "it was cut: there is no window.json, which is written last".to_owned(),
         _ => format!("window.json cannot be read: {error}"),
     })?;
-    let record: WindowRecord =
-        serde_json::from_str(&text).map_err(|error| format!("window.json is not a window's record: {error}"))?;
+    let record: WindowRecord = serde_json::from_str(&text)
+        .map_err(|error| format!("window.json is not a window's record: {error}"))?;
     if !record.complete {
-        return Err(format!("it was cut after {} of {} steps", record.steps_done, record.steps_expected));
+        return Err(format!(
+            "it was cut after {} of {} steps",
+            record.steps_done, record.steps_expected
+        ));
     }
     for file in &record.files {
         let name = Path::new(&file.name);
         if name.components().count() != 1 || name.file_name().is_none() {
-            return Err(format!("window.json names a file outside its folder: {}", file.name));
+            return Err(format!(
+                "window.json names a file outside its folder: {}",
+                file.name
+            ));
         }
         let (bytes, sha256) =
             digest(&folder.join(name)).map_err(|error| format!("{} cannot be read: {error}", file.name))?;
         if bytes != file.bytes {
-            return Err(format!("{} has {bytes} bytes instead of {}", file.name, file.bytes));
+            return Err(format!(
+                "{} has {bytes} bytes instead of {}",
+                file.name, file.bytes
+            ));
         }
         if sha256 != file.sha256 {
-            return Err(format!("the checksum of {} does not match window.json", file.name));
+            return Err(format!(
+                "the checksum of {} does not match window.json",
+                file.name
+            ));
         }
     }
     Ok(record.verdict)
@@ -119,7 +135,11 @@ fn digest(path: &Path) -> io::Result<(u64, String)> {
 
 /// Both folders are in the run directory, and so on one file system: a rename is atomic.
 fn move_folder(from: &Path, to: &Path) -> Result<(), CollectionError> {
-    let fail = |doing, path: &Path, source| CollectionError { doing, path: path.to_owned(), source };
+    let fail = |doing, path: &Path, source| CollectionError {
+        doing,
+        path: path.to_owned(),
+        source,
+    };
     if let Some(parent) = to.parent() {
         fs::create_dir_all(parent).map_err(|error| fail("cannot create", parent, error))?;
     }

@@ -32,7 +32,10 @@ enum Trouble {
     #[error("cannot write into the run directory")]
     RunDirectory(#[from] io::Error),
     #[error("`{environment}` of {} still measures on this host", run_directory.display())]
-    StillMeasuring { environment: String, run_directory: PathBuf },
+    StillMeasuring {
+        environment: String,
+        run_directory: PathBuf,
+    },
 }
 
 /// How one environment ended.
@@ -44,7 +47,11 @@ struct Ending {
 
 impl Ending {
     fn of(outcome: Outcome, reason: Option<String>, hint: Option<String>) -> Self {
-        Self { outcome, reason, hint }
+        Self {
+            outcome,
+            reason,
+            hint,
+        }
     }
 
     fn errored(trouble: &Trouble) -> Self {
@@ -86,7 +93,10 @@ impl Run<'_> {
     /// Only when the journal cannot be written; everything else is an outcome.
     pub(super) async fn scenario(&mut self, planned: &PlannedScenario) -> Result<(), RunError> {
         let wanted = self.wanted(planned);
-        self.events.emit(Event::ScenarioStarted { scenario: planned.slug.clone(), windows: wanted })?;
+        self.events.emit(Event::ScenarioStarted {
+            scenario: planned.slug.clone(),
+            windows: wanted,
+        })?;
         let ending = match self.attempts(planned).await {
             Ok(ending) => ending,
             Err(Trouble::Journal(error)) => return Err(error.into()),
@@ -101,7 +111,10 @@ impl Run<'_> {
     }
 
     fn wanted(&self, planned: &PlannedScenario) -> Vec<u32> {
-        self.events.state().scenario(&planned.slug).wanted(planned.settings.windows)
+        self.events
+            .state()
+            .scenario(&planned.slug)
+            .wanted(planned.settings.windows)
     }
 
     /// The environment that is still there, if any, then a new one for what is still wanted.
@@ -152,7 +165,12 @@ impl Run<'_> {
     /// The lease says that no other `matrix` works here; a workload whose `matrix` was killed may still measure, and
     /// two windows on one host disturb each other.
     async fn refuse_beside_another(&self, planned: &PlannedScenario) -> Result<(), Trouble> {
-        let own = self.events.state().scenario(&planned.slug).open.map(|open| open.environment);
+        let own = self
+            .events
+            .state()
+            .scenario(&planned.slug)
+            .open
+            .map(|open| open.environment);
         let mut asked = Vec::new();
         for other in self.plan.scenarios.iter().filter(|other| other.feasible) {
             let provider = (self.choose)(other)?;
@@ -179,7 +197,12 @@ impl Run<'_> {
         Ok(())
     }
 
-    fn request(&self, planned: &PlannedScenario, environment: String, windows: Vec<u32>) -> EnvironmentRequest {
+    fn request(
+        &self,
+        planned: &PlannedScenario,
+        environment: String,
+        windows: Vec<u32>,
+    ) -> EnvironmentRequest {
         EnvironmentRequest {
             environment,
             run: self.name.clone(),
@@ -226,16 +249,23 @@ impl Run<'_> {
             return Ok(Ending::of(Outcome::Completed, None, None));
         }
         Ok(match last {
-            Some(Progress::Failed { reason, hint, platform: false }) => {
-                Ending::of(Outcome::Failed, Some(reason), hint)
-            }
-            Some(Progress::Failed { reason, hint, platform: true }) => {
-                Ending::of(Outcome::Errored, Some(reason), hint)
-            }
+            Some(Progress::Failed {
+                reason,
+                hint,
+                platform: false,
+            }) => Ending::of(Outcome::Failed, Some(reason), hint),
+            Some(Progress::Failed {
+                reason,
+                hint,
+                platform: true,
+            }) => Ending::of(Outcome::Errored, Some(reason), hint),
             _ if self.stop.is_requested() => Ending::of(Outcome::Interrupted, None, None),
             _ => Ending::of(
                 Outcome::Errored,
-                Some(format!("the workload ended before its last window: {}", ended.how)),
+                Some(format!(
+                    "the workload ended before its last window: {}",
+                    ended.how
+                )),
                 Some("`matrix resume` measures the windows that are missing".to_owned()),
             ),
         })
@@ -266,7 +296,10 @@ impl Run<'_> {
                         scenario: request.scenario.clone(),
                         progress: progress.clone(),
                     })?;
-                    if matches!(progress, Progress::Finished | Progress::Stopped { .. } | Progress::Failed { .. }) {
+                    if matches!(
+                        progress,
+                        Progress::Finished | Progress::Stopped { .. } | Progress::Failed { .. }
+                    ) {
                         last = Some(progress);
                     }
                 }
@@ -291,7 +324,10 @@ impl Run<'_> {
         environment: &mut dyn Environment,
         request: &EnvironmentRequest,
     ) -> Result<(), Trouble> {
-        let folder = self.directory.scenario(&request.scenario).join(format!("collecting-{}", request.environment));
+        let folder = self
+            .directory
+            .scenario(&request.scenario)
+            .join(format!("collecting-{}", request.environment));
         // What an interrupted collection left is only a copy: the originals are still in the environment.
         match fs::remove_dir_all(&folder) {
             Err(error) if error.kind() != io::ErrorKind::NotFound => return Err(error.into()),
@@ -301,8 +337,12 @@ impl Run<'_> {
         environment.collect(&folder).await?;
         self.keep_platform(provider, environment, request, &folder)?;
         let state = self.events.state().scenario(&request.scenario);
-        let windows: Vec<u32> =
-            request.windows.iter().copied().filter(|window| !state.collected.contains(window)).collect();
+        let windows: Vec<u32> = request
+            .windows
+            .iter()
+            .copied()
+            .filter(|window| !state.collected.contains(window))
+            .collect();
         let sorted = collection::sort_windows(
             &self.directory,
             &request.scenario,
@@ -314,10 +354,18 @@ impl Run<'_> {
         for sorted in sorted {
             let (scenario, environment) = (scenario.clone(), environment.clone());
             self.events.emit(match sorted {
-                Sorted::Whole { window, verdict } => {
-                    Event::WindowCollected { scenario, environment, window, verdict }
-                }
-                Sorted::Broken { window, reason } => Event::WindowBroken { scenario, environment, window, reason },
+                Sorted::Whole { window, verdict } => Event::WindowCollected {
+                    scenario,
+                    environment,
+                    window,
+                    verdict,
+                },
+                Sorted::Broken { window, reason } => Event::WindowBroken {
+                    scenario,
+                    environment,
+                    window,
+                    reason,
+                },
             })?;
         }
         fs::remove_dir_all(&folder)?;
@@ -367,9 +415,10 @@ impl Run<'_> {
             environment: name.clone(),
         })?;
         environment.discard().await?;
-        Ok(self
-            .events
-            .emit(Event::EnvironmentDiscarded { scenario: scenario.clone(), environment: name.clone() })?)
+        Ok(self.events.emit(Event::EnvironmentDiscarded {
+            scenario: scenario.clone(),
+            environment: name.clone(),
+        })?)
     }
 
     /// Removes what there is of an environment that never came to measure.

@@ -63,17 +63,26 @@ impl RunState {
             Event::RunStarted { .. } => self.finished = false,
             Event::RunFinished => self.finished = true,
             Event::RunInterrupted | Event::HostBusy { .. } | Event::EnvironmentCreated { .. } => {}
-            Event::EnvironmentFound { .. } | Event::EnvironmentDiscarding { .. } | Event::WindowBroken { .. } => {}
+            Event::EnvironmentFound { .. }
+            | Event::EnvironmentDiscarding { .. }
+            | Event::WindowBroken { .. } => {}
             Event::ScenarioStarted { scenario, .. } => {
                 let state = self.entry(scenario);
                 state.outcome = None;
                 state.reason = None;
             }
-            Event::EnvironmentCreating { scenario, environment, windows, .. } => {
+            Event::EnvironmentCreating {
+                scenario,
+                environment,
+                windows,
+                ..
+            } => {
                 let state = self.entry(scenario);
                 state.attempts += 1;
-                state.open =
-                    Some(OpenEnvironment { environment: environment.clone(), windows: windows.clone() });
+                state.open = Some(OpenEnvironment {
+                    environment: environment.clone(),
+                    windows: windows.clone(),
+                });
             }
             Event::Workload { scenario, progress } => {
                 if let Progress::WindowComplete { window, .. } = progress {
@@ -83,13 +92,25 @@ impl RunState {
             Event::WindowCollected { scenario, window, .. } => {
                 self.entry(scenario).collected.insert(*window);
             }
-            Event::EnvironmentDiscarded { scenario, environment } => {
+            Event::EnvironmentDiscarded {
+                scenario,
+                environment,
+            } => {
                 let state = self.entry(scenario);
-                if state.open.as_ref().is_some_and(|open| open.environment == *environment) {
+                if state
+                    .open
+                    .as_ref()
+                    .is_some_and(|open| open.environment == *environment)
+                {
                     state.open = None;
                 }
             }
-            Event::ScenarioFinished { scenario, outcome, reason, .. } => {
+            Event::ScenarioFinished {
+                scenario,
+                outcome,
+                reason,
+                ..
+            } => {
                 let state = self.entry(scenario);
                 state.outcome = Some(*outcome);
                 state.reason.clone_from(reason);
@@ -112,7 +133,9 @@ impl ScenarioState {
     /// The windows of `1..=windows` that are not in the run directory.
     #[must_use]
     pub fn wanted(&self, windows: u32) -> Vec<u32> {
-        (1..=windows).filter(|window| !self.collected.contains(window)).collect()
+        (1..=windows)
+            .filter(|window| !self.collected.contains(window))
+            .collect()
     }
 }
 
@@ -123,7 +146,13 @@ mod tests {
     use super::*;
 
     fn journal(events: Vec<Event>) -> Vec<JournalEntry> {
-        events.into_iter().map(|event| JournalEntry { at: String::new(), event }).collect()
+        events
+            .into_iter()
+            .map(|event| JournalEntry {
+                at: String::new(),
+                event,
+            })
+            .collect()
     }
 
     fn creating(environment: &str, windows: Vec<u32>) -> Event {
@@ -153,7 +182,10 @@ mod tests {
                 window: 1,
                 verdict: Verdict::Valid,
             },
-            Event::EnvironmentDiscarded { scenario: "s".into(), environment: "e-1".into() },
+            Event::EnvironmentDiscarded {
+                scenario: "s".into(),
+                environment: "e-1".into(),
+            },
         ]));
         let scenario = state.scenario("s");
         assert_eq!(scenario.wanted(3), vec![2, 3]);
@@ -169,7 +201,11 @@ mod tests {
             reason: None,
             hint: None,
         };
-        assert!(RunState::replay(&journal(vec![finished.clone()])).scenario("s").is_settled());
+        assert!(
+            RunState::replay(&journal(vec![finished.clone()]))
+                .scenario("s")
+                .is_settled()
+        );
         let state = RunState::replay(&journal(vec![creating("e-1", vec![1]), finished]));
         assert!(!state.scenario("s").is_settled());
     }
