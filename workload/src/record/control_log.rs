@@ -8,6 +8,8 @@ use std::io::Write;
 
 use serde::{Deserialize, Serialize};
 
+use crate::plant::AxisState;
+
 /// One control step. Of the state, `seq` is 0 and the rest zero until the first message has arrived.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Serialize, Deserialize)]
 pub struct ControlRow {
@@ -52,6 +54,26 @@ pub struct ControlRow {
 }
 
 impl ControlRow {
+    /// A row with what was wanted, known and commanded, `[x, y]` each; its number and times are still zero.
+    #[must_use]
+    pub fn of_axes(reference_m: [f64; 2], [x, y]: [AxisState; 2], command_v: [f64; 2]) -> Self {
+        Self {
+            reference_x_m: reference_m[0],
+            reference_y_m: reference_m[1],
+            x_m: x.position_m,
+            x_rate_m_s: x.speed_m_s,
+            angle_x_rad: x.angle_rad,
+            angle_x_rate_rad_s: x.angle_rate_rad_s,
+            y_m: y.position_m,
+            y_rate_m_s: y.speed_m_s,
+            angle_y_rad: y.angle_rad,
+            angle_y_rate_rad_s: y.angle_rate_rad_s,
+            command_x_v: command_v[0],
+            command_y_v: command_v[1],
+            ..Self::default()
+        }
+    }
+
     /// The columns, in the order they are written: the first line of the file.
     pub const HEADER: &'static str = "step,scheduled_ns,actual_ns,done_ns,reference_x_m,reference_y_m,state_seq,\
         state_stamp_ns,state_received_ns,x_m,x_rate_m_s,angle_x_rad,angle_x_rate_rad_s,y_m,y_rate_m_s,angle_y_rad,\
