@@ -1,5 +1,23 @@
 //! Run directory -> samples -> comparisons -> tables and figures.
+//!
+//! ```text
+//! load(path) -> Run           reads the run directory; the only reading there is
+//! analyse(&Run, settings) -> Report     pure
+//! Report::markdown, json      pure
+//! write(&Run, &Report)        the run directory's `report/`, and nothing else of it
+//! ```
 
+pub mod comparison;
+pub mod health;
 pub mod ks;
+mod render;
+pub mod report;
+pub mod run;
 pub mod run_directory;
+pub mod sample;
 pub mod settings;
+pub mod table;
+
+pub use report::{Report, analyse};
+pub use run::{Run, load};
+pub use run_directory::ReadError;

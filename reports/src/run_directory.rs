@@ -12,15 +12,23 @@
 //! The orchestrator writes with the same types that this crate reads, so that the format stands in one place.
 //! The main type is [`RunDirectory`].
 
+mod control_trace;
+mod environment;
 mod journal;
 mod manifest;
 mod plan;
+mod reading;
 
 use std::path::{Path, PathBuf};
 
-pub use journal::{Event, JournalEntry, Outcome, Resource};
+pub(crate) use control_trace::Expected;
+pub use control_trace::{ControlLogError, ControlTrace, Fault, PeriodError, PeriodPath};
+pub use environment::EnvironmentRecord;
+pub use journal::{Event, Journal, JournalEntry, Outcome, Resource};
 pub use manifest::Manifest;
 pub use plan::{PlanRecord, PlannedScenario};
+pub use reading::ReadError;
+pub(crate) use reading::read_record;
 
 /// Version of the run directory's layout and of the files in it.
 pub const FORMAT: u32 = 1;

@@ -1,11 +1,15 @@
 //! `events.jsonl`: what happened, one line an event, appended and synced before the thing it announces is done. The main
-//! types are [`JournalEntry`] and [`Event`].
+//! types are [`Event`], [`JournalEntry`] and [`Journal`].
 //!
 //! Intent comes before effect: [`Event::EnvironmentCreating`] names every resource before it exists, so that whatever
 //! a crash leaves behind can be found. Nothing else knows the state of a run.
 
+use std::{fs, io, path::Path};
+
 use serde::{Deserialize, Serialize};
 use workload::record::{progress::Progress, window::Verdict};
+
+use super::reading::ReadError;
 
 /// One line of the journal.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
@@ -156,4 +160,111 @@ pub struct Resource {
     pub kind: String,
     /// Its name.
     pub name: String,
+}
+
+/// A journal as it was read.
+#[derive(Debug, Clone, Default, PartialEq)]
+pub struct Journal {
+    /// Its entries, in the order they were written.
+    pub entries: Vec<JournalEntry>,
+    /// The numbers of lines that a crash cut, from 1. What they were to announce had not been done.
+    pub cut_lines: Vec<usize>,
+}
+
+impl Journal {
+    /// Reads a journal. A line that a crash cut is the last one, or one that is followed by a new start: those are left
+    /// out and remarked.
+    ///
+    /// # Errors
+    /// When the file is missing or cannot be read, or another line is not an event.
+    pub fn read(path: &Path) -> Result<Self, ReadError> {
+        let text = fs::read(path).map_err(|source| match source.kind() {
+            io::ErrorKind::NotFound => ReadError::HalfWritten {
+                path: path.to_owned(),
+            },
+            _ => ReadError::Io {
+                path: path.to_owned(),
+                source,
+            },
+        })?;
+        let mut journal = Self::default();
+        let mut unreadable = None;
+        // By bytes, since a crash may cut a character in two.
+        let lines = text
+            .split(|byte| *byte == b'\n')
+            .enumerate()
+            .map(|(index, line)| (index + 1, line));
+        for (line, bytes) in lines.filter(|(_, bytes)| !bytes.trim_ascii().is_empty()) {
+            let entry = serde_json::from_slice::<JournalEntry>(bytes);
+            if let Some((line, source)) = unreadable.take() {
+                if !matches!(&entry, Ok(entry) if matches!(entry.event, Event::RunStarted { .. })) {
+                    return Err(ReadError::Journal {
+                        path: path.to_owned(),
+                        line,
+                        source,
+                    });
+                }
+                journal.cut_lines.push(line);
+            }
+            match entry {
+                Ok(entry) => journal.entries.push(entry),
+                Err(source) => unreadable = Some((line, source)),
+            }
+        }
+        journal.cut_lines.extend(unreadable.map(|(line, _)| line));
+        Ok(journal)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use rstest::rstest;
+
+    use super::*;
+
+    const STARTED: &str = r#"{"at":"2026-11-21T04:00:00.000Z","event":"run-started","pid":7,"resumed":true}"#;
+    const INTERRUPTED: &str = r#"{"at":"2026-11-21T04:00:01.000Z","event":"run-interrupted"}"#;
+    const CUT: &str = r#"{"at":"2026-11-21T04:00:02.000Z","event":"run-fin"#;
+
+    fn read(lines: &[&str]) -> Result<Journal, ReadError> {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("events.jsonl");
+        fs::write(&path, lines.join("\n")).unwrap();
+        Journal::read(&path)
+    }
+
+    #[rstest]
+    #[case(&[STARTED, INTERRUPTED], 2, &[])]
+    #[case(&[STARTED, CUT], 1, &[2])]
+    #[case(&[STARTED, CUT, ""], 1, &[2])]
+    #[case(&[STARTED, CUT, STARTED, INTERRUPTED, CUT], 3, &[2, 5])]
+    #[case(&[], 0, &[])]
+    fn a_line_that_a_crash_cut_is_left_out_and_remarked(
+        #[case] lines: &[&str],
+        #[case] entries: usize,
+        #[case] cut: &[usize],
+    ) {
+        let journal = read(lines).unwrap();
+        assert_eq!(
+            (journal.entries.len(), journal.cut_lines.as_slice()),
+            (entries, cut)
+        );
+    }
+
+    #[rstest]
+    #[case(&[STARTED, CUT, INTERRUPTED], 2)]
+    #[case(&["not json", INTERRUPTED], 1)]
+    #[case(&[STARTED, r#"{"at":"x","event":"of-the-future"}"#, INTERRUPTED], 2)]
+    fn garbage_in_the_midst_is_an_error_with_its_line(#[case] lines: &[&str], #[case] wrong: usize) {
+        let Err(ReadError::Journal { line, .. }) = read(lines) else {
+            panic!("expected a journal error")
+        };
+        assert_eq!(line, wrong);
+    }
+
+    #[test]
+    fn a_missing_journal_is_a_half_written_run() {
+        let error = Journal::read(Path::new("/nowhere/events.jsonl")).unwrap_err();
+        assert!(matches!(error, ReadError::HalfWritten { .. }));
+    }
 }

@@ -1,0 +1,29 @@
+//! A report in each of its media. All of them are pure: report in, text or picture out.
+
+mod json;
+mod latex;
+mod markdown;
+
+use serde_json::Value;
+
+use crate::report::Report;
+
+impl Report {
+    /// As Markdown, at most 80 columns wide unless a name is longer: for the terminal and for `report/tables.md`.
+    #[must_use]
+    pub fn markdown(&self) -> String {
+        markdown::render(self)
+    }
+
+    /// As LaTeX: a document that compiles by itself, of plain tables.
+    #[must_use]
+    pub fn latex(&self) -> String {
+        latex::render(self)
+    }
+
+    /// As JSON, the shape that `matrix report --json` prints.
+    #[must_use]
+    pub fn json(&self) -> Value {
+        json::render(self)
+    }
+}

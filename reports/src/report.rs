@@ -1,0 +1,335 @@
+//! What a run showed, before it is drawn in any medium: every scenario with how it ended, every comparison, the paper's
+//! tables, and what a reader must know before believing them. The main type is [`Report`], made by [`analyse`].
+
+use serde_json::{Map, Value};
+use workload::record::window::Verdict;
+
+use crate::{
+    comparison::{Comparison, Tally, compare_all, tally},
+    health::Health,
+    ks::{Method, smallest_attainable_p},
+    run::{BrokenWindow, Ending, Run, ScenarioRun, Window, WindowState},
+    run_directory::Outcome,
+    sample::{Sample, samples},
+    settings::ReportSettings,
+    table::{self, Table},
+};
+
+/// What a run showed.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Report {
+    /// The run's name.
+    pub run: String,
+    /// When it was asked for, RFC 3339.
+    pub created: String,
+    /// How samples were taken and compared.
+    pub settings: ReportSettings,
+    /// Every scenario of the plan, in letter order.
+    pub scenarios: Vec<ScenarioReport>,
+    /// The samples, by scenario and window.
+    pub samples: Vec<Sample>,
+    /// Every two windows compared.
+    pub comparisons: Vec<Comparison>,
+    /// The counts, of each scenario with itself and with each other.
+    pub tallies: Vec<Tally>,
+    /// What a reader must know before believing the tables.
+    pub remarks: Vec<String>,
+    /// The paper's tables, and how well each platform held its schedule.
+    pub tables: Vec<Table>,
+}
+
+/// One scenario in the report.
+#[derive(Debug, Clone, PartialEq)]
+pub struct ScenarioReport {
+    /// Its letter.
+    pub id: String,
+    /// Its slug.
+    pub slug: String,
+    /// Axis to value.
+    pub axes: Map<String, Value>,
+    /// Whether it is one of the experimental controls.
+    pub is_control: bool,
+    /// Whether its numbers were made up by the `fake` provider.
+    pub is_simulated: bool,
+    /// How it ended.
+    pub standing: Standing,
+    /// Why, if not completed.
+    pub reason: Option<String>,
+    /// What to do about it.
+    pub hint: Option<String>,
+    /// One for each window of the plan.
+    pub windows: Vec<WindowReport>,
+    /// What broke on the way.
+    pub broken: Vec<BrokenWindow>,
+    /// How well its platform held the schedule; none without a window that counts.
+    pub health: Option<Health>,
+}
+
+/// How a scenario stands.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Standing {
+    /// All windows are there.
+    Completed,
+    /// The workload said that the experiment went wrong.
+    Failed,
+    /// The infrastructure failed.
+    Errored,
+    /// It could not run.
+    Infeasible,
+    /// It was asked to stop.
+    Interrupted,
+    /// It began, and nothing says that it ended.
+    Unfinished,
+    /// It has not begun.
+    NotStarted,
+}
+
+impl Standing {
+    /// Its name in reports.
+    #[must_use]
+    pub const fn name(self) -> &'static str {
+        match self {
+            Self::Completed => "completed",
+            Self::Failed => "failed",
+            Self::Errored => "errored",
+            Self::Infeasible => "infeasible",
+            Self::Interrupted => "interrupted",
+            Self::Unfinished => "unfinished",
+            Self::NotStarted => "not started",
+        }
+    }
+}
+
+/// One window in the report.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct WindowReport {
+    /// Its number, from 1.
+    pub number: u32,
+    /// `valid`, `suspect`, `invalid`, `broken` or `missing`.
+    pub verdict: &'static str,
+    /// Values in its sample; 0 if it does not count.
+    pub n: usize,
+    /// Why, if not valid.
+    pub reasons: Vec<String>,
+}
+
+impl ScenarioReport {
+    /// Windows that count.
+    #[must_use]
+    pub fn windows_counted(&self) -> usize {
+        self.windows.iter().filter(|window| window.n > 0).count()
+    }
+
+    /// The value of an axis as text, if the scenario has that axis.
+    #[must_use]
+    pub fn axis(&self, name: &str) -> Option<String> {
+        self.axes.get(name).map(text_of)
+    }
+}
+
+/// An axis value as text.
+pub(crate) fn text_of(value: &Value) -> String {
+    match value {
+        Value::String(text) => text.clone(),
+        other => other.to_string(),
+    }
+}
+
+/// Compares every window of a run with every other and tables the counts. Pure: the same run and settings give the
+/// same report.
+#[must_use]
+pub fn analyse(run: &Run, settings: &ReportSettings) -> Report {
+    let samples = samples(run, settings);
+    let comparisons = compare_all(&samples, settings.alpha);
+    let scenarios = run
+        .scenarios
+        .iter()
+        .map(|scenario| scenario_report(scenario, settings, &samples))
+        .collect();
+    let mut report = Report {
+        run: run.manifest.run.clone(),
+        created: run.manifest.created.clone(),
+        settings: settings.clone(),
+        scenarios,
+        tallies: tally(&comparisons),
+        samples,
+        comparisons,
+        remarks: Vec::new(),
+        tables: Vec::new(),
+    };
+    report.remarks = remarks(&report, &run.cut_lines);
+    report.tables = table::all(&report);
+    report
+}
+
+impl Report {
+    /// The count of two scenarios, in either order, or of one with itself; none if no two windows were compared.
+    #[must_use]
+    pub fn tally(&self, a: &str, b: &str) -> Option<&Tally> {
+        self.tallies
+            .iter()
+            .find(|tally| (tally.a == a && tally.b == b) || (tally.a == b && tally.b == a))
+    }
+
+    /// Whether some of the numbers were made up by the `fake` provider.
+    #[must_use]
+    pub fn is_simulated(&self) -> bool {
+        self.scenarios.iter().any(|scenario| scenario.is_simulated)
+    }
+
+    /// How samples were taken and compared, in one sentence. Stands with every table.
+    #[must_use]
+    pub fn method(&self) -> String {
+        let ReportSettings {
+            alpha,
+            metric,
+            discard_periods,
+            ..
+        } = &self.settings;
+        let discarded = match discard_periods {
+            0 => "no period left out".to_owned(),
+            1 => "the first period of each run left out".to_owned(),
+            many => format!("the first {many} periods of each run left out"),
+        };
+        let exact = self
+            .comparisons
+            .iter()
+            .all(|comparison| comparison.test.method == Method::Exact);
+        let test = if exact {
+            "exact given the ties"
+        } else {
+            "exact given the ties, asymptotic where `comparisons.csv` says so"
+        };
+        format!(
+            "Metric: {} over each period, in metres, {discarded}. Test: two-sample Kolmogorov-Smirnov, {test}; \
+             rejected at p < {alpha}.",
+            metric.formula()
+        )
+    }
+}
+
+fn scenario_report(scenario: &ScenarioRun, settings: &ReportSettings, samples: &[Sample]) -> ScenarioReport {
+    let (standing, reason, hint) = standing(&scenario.ending);
+    let planned = &scenario.planned;
+    let n = |window: u32| {
+        let sample = samples
+            .iter()
+            .find(|sample| sample.scenario == planned.id && sample.window == window);
+        sample.map_or(0, |sample| sample.errors_m.len())
+    };
+    let is_control = !settings.control.is_empty()
+        && settings
+            .control
+            .iter()
+            .all(|(axis, value)| planned.axis(axis).as_ref() == Some(value));
+    ScenarioReport {
+        id: planned.id.clone(),
+        slug: planned.slug.clone(),
+        axes: planned.axes.clone(),
+        is_control,
+        is_simulated: scenario.is_simulated(),
+        standing,
+        reason,
+        hint,
+        windows: scenario
+            .windows
+            .iter()
+            .map(|window| window_report(window, n(window.number)))
+            .collect(),
+        broken: scenario.broken.clone(),
+        health: Health::of(scenario),
+    }
+}
+
+fn standing(ending: &Ending) -> (Standing, Option<String>, Option<String>) {
+    let resume = || Some("`matrix resume` goes on with it".to_owned());
+    match ending {
+        Ending::Infeasible { reason, fix } => (Standing::Infeasible, Some(reason.clone()), fix.clone()),
+        Ending::NotStarted => (
+            Standing::NotStarted,
+            Some("its turn had not come when the run ended".to_owned()),
+            resume(),
+        ),
+        Ending::Unfinished => {
+            let reason = "it is being measured, or whatever measured it was killed";
+            (Standing::Unfinished, Some(reason.to_owned()), resume())
+        }
+        Ending::Ended {
+            outcome,
+            reason,
+            hint,
+        } => {
+            let standing = match outcome {
+                Outcome::Completed => Standing::Completed,
+                Outcome::Failed => Standing::Failed,
+                Outcome::Errored => Standing::Errored,
+                Outcome::Interrupted => Standing::Interrupted,
+            };
+            (standing, reason.clone(), hint.clone())
+        }
+    }
+}
+
+fn window_report(window: &Window, n: usize) -> WindowReport {
+    let (verdict, mut reasons) = match &window.state {
+        WindowState::Counted { record, .. } if record.verdict == Verdict::Suspect => {
+            ("suspect", record.reasons.clone())
+        }
+        WindowState::Counted { .. } => ("valid", Vec::new()),
+        WindowState::Invalid { record } => ("invalid", record.reasons.clone()),
+        WindowState::Broken { reason } => ("broken", vec![reason.clone()]),
+        WindowState::Missing => ("missing", vec!["it was not measured".to_owned()]),
+    };
+    if matches!(window.state, WindowState::Counted { .. }) && n == 0 {
+        reasons.push("all its periods are left out".to_owned());
+    }
+    WindowReport {
+        number: window.number,
+        verdict,
+        n,
+        reasons,
+    }
+}
+
+fn remarks(report: &Report, cut_lines: &[usize]) -> Vec<String> {
+    let mut remarks = Vec::new();
+    let simulated: Vec<&str> = report
+        .scenarios
+        .iter()
+        .filter(|s| s.is_simulated)
+        .map(|s| s.id.as_str())
+        .collect();
+    if !simulated.is_empty() {
+        remarks.push(format!(
+            "SIMULATED, NOT MEASURED: {} made up by the provider `fake`. These numbers say nothing about any platform.",
+            match simulated.as_slice() {
+                [one] => format!("scenario {one} was"),
+                many => format!("scenarios {} were", many.join(", ")),
+            }
+        ));
+    }
+    if let Some((n, m, p)) = hopeless(report) {
+        remarks.push(format!(
+            "With {n} and {m} values the smallest p-value is {p:.2e}, and α is {}: such windows are never told apart, \
+             and a count of 0 says nothing. Measure more periods in a window.",
+            report.settings.alpha
+        ));
+    }
+    for line in cut_lines {
+        remarks.push(format!(
+            "Line {line} of events.jsonl is cut, as a crash leaves it; what it was to announce had not been done."
+        ));
+    }
+    remarks
+}
+
+/// Sizes at which no pair of windows can be rejected, if there are any among the comparisons.
+fn hopeless(report: &Report) -> Option<(usize, usize, f64)> {
+    let sizes = report
+        .comparisons
+        .iter()
+        .map(|comparison| (comparison.test.n, comparison.test.m));
+    sizes
+        .map(|(n, m)| (n, m, smallest_attainable_p(n, m)))
+        .find(|(_, _, p)| *p >= report.settings.alpha)
+}

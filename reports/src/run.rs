@@ -1,0 +1,341 @@
+//! One run as it was measured: every scenario of the plan with how it ended and the windows it left. The main type is
+//! [`Run`]; [`load`] reads it from its directory, and nothing after that touches the disk.
+
+use std::{
+    collections::{BTreeMap, BTreeSet},
+    io,
+    path::Path,
+};
+
+use workload::record::{
+    self,
+    window::{Verdict, WindowRecord},
+};
+
+use crate::run_directory::{
+    ControlTrace, EnvironmentRecord, Event, Expected, FORMAT, Journal, Manifest, Outcome, PlanRecord,
+    PlannedScenario, ReadError, RunDirectory, read_record,
+};
+
+/// Everything that a report is made of.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Run {
+    /// Where it is.
+    pub directory: RunDirectory,
+    /// What was asked.
+    pub manifest: Manifest,
+    /// The plan's scenarios, in letter order.
+    pub scenarios: Vec<ScenarioRun>,
+    /// Lines of the journal that a crash cut, from 1.
+    pub cut_lines: Vec<usize>,
+}
+
+/// One scenario.
+#[derive(Debug, Clone, PartialEq)]
+pub struct ScenarioRun {
+    /// As planned.
+    pub planned: PlannedScenario,
+    /// How it ended.
+    pub ending: Ending,
+    /// The providers of its environments, as the journal and `environment.json` name them.
+    pub providers: BTreeSet<String>,
+    /// Its last environment's record, if it came so far.
+    pub environment: Option<EnvironmentRecord>,
+    /// One for each window of the plan; none if the scenario is infeasible.
+    pub windows: Vec<Window>,
+    /// What broke on the way, whether or not it was measured again.
+    pub broken: Vec<BrokenWindow>,
+}
+
+/// How a scenario ended.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub enum Ending {
+    /// It could not run.
+    Infeasible {
+        /// Why.
+        reason: String,
+        /// What would make it feasible.
+        fix: Option<String>,
+    },
+    /// Work on it has not begun.
+    NotStarted,
+    /// Work on it began, and the journal does not say that it ended.
+    Unfinished,
+    /// The journal says how.
+    Ended {
+        /// How.
+        outcome: Outcome,
+        /// Why, if not completed.
+        reason: Option<String>,
+        /// What to do about it.
+        hint: Option<String>,
+    },
+}
+
+/// One window of the plan.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Window {
+    /// Its number, from 1.
+    pub number: u32,
+    /// What there is of it.
+    pub state: WindowState,
+}
+
+/// What there is of a window.
+#[derive(Debug, Clone, PartialEq)]
+pub enum WindowState {
+    /// It counts.
+    Counted {
+        /// What it says of itself.
+        record: Box<WindowRecord>,
+        /// Its log, digested.
+        trace: ControlTrace,
+    },
+    /// It is whole, and its own checks found that it is worth nothing.
+    Invalid {
+        /// What it says of itself.
+        record: Box<WindowRecord>,
+    },
+    /// It is there in part.
+    Broken {
+        /// How it can be told.
+        reason: String,
+    },
+    /// It is not there.
+    Missing,
+}
+
+/// A window that broke, kept aside.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct BrokenWindow {
+    /// Its number.
+    pub window: u32,
+    /// The environment that measured it.
+    pub environment: String,
+    /// Why.
+    pub reason: String,
+}
+
+impl ScenarioRun {
+    /// Whether its numbers were made up by the `fake` provider.
+    #[must_use]
+    pub fn is_simulated(&self) -> bool {
+        self.providers.contains("fake")
+            || self
+                .environment
+                .as_ref()
+                .is_some_and(EnvironmentRecord::is_simulated)
+    }
+
+    /// The windows that count, with their records and logs.
+    pub fn counted(&self) -> impl Iterator<Item = (u32, &WindowRecord, &ControlTrace)> {
+        self.windows.iter().filter_map(|window| match &window.state {
+            WindowState::Counted { record, trace } => Some((window.number, &**record, trace)),
+            _ => None,
+        })
+    }
+}
+
+/// Reads a run directory. Logs are read once and digested: of a run of 28 windows of 6000 s, some megabytes stay.
+///
+/// # Errors
+/// When it is missing, half-written or of a later format, and when the log of a window that would count cannot be used.
+pub fn load(path: impl AsRef<Path>) -> Result<Run, ReadError> {
+    let path = path.as_ref();
+    let directory = RunDirectory::new(path);
+    see_that_it_is_one(&directory)?;
+    let manifest: Manifest = read_record(&directory.manifest(), FORMAT)?;
+    let plan: PlanRecord = read_record(&directory.plan(), FORMAT)?;
+    let journal = Journal::read(&directory.journal())?;
+    let mut histories = histories(&journal);
+    let scenarios = plan
+        .scenarios
+        .into_iter()
+        .map(|planned| {
+            let history = histories.remove(&planned.slug).unwrap_or_default();
+            load_scenario(&directory, planned, history)
+        })
+        .collect::<Result<_, _>>()?;
+    Ok(Run {
+        directory,
+        manifest,
+        scenarios,
+        cut_lines: journal.cut_lines,
+    })
+}
+
+fn see_that_it_is_one(directory: &RunDirectory) -> Result<(), ReadError> {
+    let path = directory.path();
+    let about = path.metadata().map_err(|source| match source.kind() {
+        io::ErrorKind::NotFound => ReadError::NotFound {
+            path: path.to_owned(),
+        },
+        _ => ReadError::Io {
+            path: path.to_owned(),
+            source,
+        },
+    })?;
+    let not_one = |why| {
+        Err(ReadError::NotARunDirectory {
+            path: path.to_owned(),
+            why,
+        })
+    };
+    if !about.is_dir() {
+        return not_one("it is not a folder");
+    }
+    let others = [directory.plan(), directory.journal()];
+    if !directory.manifest().exists() && !others.iter().any(|file| file.exists()) {
+        return not_one("it has no manifest.json");
+    }
+    Ok(())
+}
+
+/// What the journal says of one scenario.
+#[derive(Default)]
+struct History {
+    ending: Option<Ending>,
+    providers: BTreeSet<String>,
+    broken: Vec<BrokenWindow>,
+}
+
+fn histories(journal: &Journal) -> BTreeMap<String, History> {
+    let mut histories: BTreeMap<String, History> = BTreeMap::new();
+    for entry in &journal.entries {
+        match entry.event.clone() {
+            Event::ScenarioStarted { scenario, .. } => {
+                histories.entry(scenario).or_default().ending = Some(Ending::Unfinished);
+            }
+            Event::EnvironmentCreating {
+                scenario, provider, ..
+            } => {
+                histories.entry(scenario).or_default().providers.insert(provider);
+            }
+            Event::WindowBroken {
+                scenario,
+                environment,
+                window,
+                reason,
+            } => {
+                let broken = BrokenWindow {
+                    window,
+                    environment,
+                    reason,
+                };
+                histories.entry(scenario).or_default().broken.push(broken);
+            }
+            Event::ScenarioFinished {
+                scenario,
+                outcome,
+                reason,
+                hint,
+            } => {
+                let ending = Ending::Ended {
+                    outcome,
+                    reason,
+                    hint,
+                };
+                histories.entry(scenario).or_default().ending = Some(ending);
+            }
+            _ => {}
+        }
+    }
+    histories
+}
+
+fn load_scenario(
+    directory: &RunDirectory,
+    planned: PlannedScenario,
+    history: History,
+) -> Result<ScenarioRun, ReadError> {
+    let environment = directory.environment(&planned.slug);
+    let environment: Option<EnvironmentRecord> = if environment.exists() {
+        Some(read_record(&environment, FORMAT)?)
+    } else {
+        None
+    };
+    let ending = if planned.feasible {
+        history.ending.unwrap_or(Ending::NotStarted)
+    } else {
+        let reason = planned
+            .reason
+            .clone()
+            .unwrap_or_else(|| "the plan does not say why".to_owned());
+        Ending::Infeasible {
+            reason,
+            fix: planned.fix.clone(),
+        }
+    };
+    let wanted = if planned.feasible {
+        planned.settings.windows
+    } else {
+        0
+    };
+    let windows = (1..=wanted)
+        .map(|number| {
+            Ok(Window {
+                number,
+                state: load_window(directory, &planned, number)?,
+            })
+        })
+        .collect::<Result<_, ReadError>>()?;
+    let mut providers = history.providers;
+    providers.extend(environment.as_ref().map(|record| record.provider.clone()));
+    Ok(ScenarioRun {
+        planned,
+        ending,
+        providers,
+        environment,
+        windows,
+        broken: history.broken,
+    })
+}
+
+fn load_window(
+    directory: &RunDirectory,
+    planned: &PlannedScenario,
+    number: u32,
+) -> Result<WindowState, ReadError> {
+    let folder = directory.window(&planned.slug, number);
+    if !folder.exists() {
+        return Ok(WindowState::Missing);
+    }
+    let broken = |reason: String| Ok(WindowState::Broken { reason });
+    let about = folder.join("window.json");
+    if !about.exists() {
+        return broken("window.json is missing, so it was never finished".to_owned());
+    }
+    let record: WindowRecord = read_record(&about, record::FORMAT)?;
+    if record.window != number {
+        return broken(format!("window.json is that of window {}", record.window));
+    }
+    if !record.complete {
+        return broken(format!(
+            "{} of {} steps were done",
+            record.steps_done, record.steps_expected
+        ));
+    }
+    if record.verdict == Verdict::Invalid {
+        return Ok(WindowState::Invalid {
+            record: Box::new(record),
+        });
+    }
+    let log = folder.join("control.csv");
+    let Some(file) = record.files.iter().find(|file| file.name == "control.csv") else {
+        return broken("window.json does not name control.csv".to_owned());
+    };
+    if !log.exists() {
+        return broken("control.csv is missing".to_owned());
+    }
+    let expected = Expected {
+        steps: planned.settings.steps_per_window(),
+        steps_per_period: planned.settings.steps_per_period().max(1),
+        file,
+    };
+    let trace =
+        ControlTrace::read(&log, expected).map_err(|source| ReadError::ControlLog { path: log, source })?;
+    Ok(WindowState::Counted {
+        record: Box::new(record),
+        trace,
+    })
+}

@@ -1,0 +1,70 @@
+//! The sample of a window: one error a period, in the metric of the settings. The main type is [`Sample`].
+
+use crate::{
+    run::Run,
+    run_directory::PeriodError,
+    settings::{Metric, ReportSettings},
+};
+
+/// The period errors of one window that counts.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Sample {
+    /// The scenario's letter.
+    pub scenario: String,
+    /// The window, from 1.
+    pub window: u32,
+    /// The number of the first period that is in it, from 1.
+    pub first_period: u32,
+    /// One error a period, in metres.
+    pub errors_m: Vec<f64>,
+}
+
+/// The samples of a run, by scenario and window. A window of which no period is left gives none.
+#[must_use]
+pub fn samples(run: &Run, settings: &ReportSettings) -> Vec<Sample> {
+    run.scenarios
+        .iter()
+        .flat_map(|scenario| scenario.counted().map(move |counted| (scenario, counted)))
+        .map(|(scenario, (window, record, trace))| {
+            let discarded = if record.starts_run {
+                settings.discard_periods
+            } else {
+                0
+            };
+            let counted = trace.periods.iter().skip(discarded as usize);
+            Sample {
+                scenario: scenario.planned.id.clone(),
+                window,
+                first_period: discarded.saturating_add(1),
+                errors_m: counted.map(|period| settings.metric.of(period)).collect(),
+            }
+        })
+        .filter(|sample| !sample.errors_m.is_empty())
+        .collect()
+}
+
+impl Metric {
+    /// The error of one period, in metres.
+    #[must_use]
+    pub fn of(self, period: &PeriodError) -> f64 {
+        match self {
+            Self::MeanAbsSum => period.mean_abs_x_m + period.mean_abs_y_m,
+            Self::MeanAbsX => period.mean_abs_x_m,
+            Self::MeanAbsY => period.mean_abs_y_m,
+            Self::MeanDistance => period.mean_distance_m,
+            Self::RootMeanSquare => period.mean_square_m2.sqrt(),
+        }
+    }
+
+    /// What it is, for people.
+    #[must_use]
+    pub const fn formula(self) -> &'static str {
+        match self {
+            Self::MeanAbsSum => "mean |e_x| + mean |e_y|",
+            Self::MeanAbsX => "mean |e_x|",
+            Self::MeanAbsY => "mean |e_y|",
+            Self::MeanDistance => "mean of the distance from the target",
+            Self::RootMeanSquare => "root mean square distance from the target",
+        }
+    }
+}

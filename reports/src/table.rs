@@ -1,0 +1,125 @@
+//! The paper's tables as data, before they are drawn: (1) rejections within each scenario, (2) the experimental controls
+//! against each other and the virtualizations against each other on each platform, (3) each virtualized scenario against
+//! each control. A cell without data says so; it is never a zero. The main type is [`Table`].
+
+mod platforms;
+mod schedule;
+
+use std::collections::BTreeSet;
+
+use crate::report::{Report, ScenarioReport, Standing};
+
+/// A table in no particular medium.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct Table {
+    /// What it shows.
+    pub title: String,
+    /// Its columns' headings and alignments.
+    pub columns: Vec<Column>,
+    /// Its rows, each as long as there are columns.
+    pub rows: Vec<Vec<String>>,
+    /// What a reader must know, one paragraph each.
+    pub notes: Vec<String>,
+}
+
+/// One column.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct Column {
+    /// Its heading.
+    pub heading: String,
+    /// Whether its cells are numbers, set flush right.
+    pub is_number: bool,
+}
+
+/// In place of a number that there is none of.
+pub(crate) const NO_DATA: &str = "no data";
+
+/// Characters that a scenario's name may take in a table of 80 columns; its letter is its identity there.
+const NAME_WIDTH: usize = 28;
+
+const NOT_INDEPENDENT: &str = "The pairs of a count share their windows: with four windows a side, 16 pairs are made of \
+    eight measurements. They are not 16 independent tests, and values within a window are correlated, so a count is a \
+    description and not a p-value. The counts within scenarios (table 1) show what the same platform gives against \
+    itself.";
+
+/// All tables of a report.
+pub(crate) fn all(report: &Report) -> Vec<Table> {
+    let mut tables = vec![within(report), platforms::contrasts(report)];
+    tables.extend(platforms::against_controls(report));
+    tables.push(schedule::of(report));
+    tables
+}
+
+fn texts(columns: &[(&str, bool)]) -> Vec<Column> {
+    columns
+        .iter()
+        .map(|(heading, is_number)| Column {
+            heading: (*heading).to_owned(),
+            is_number: *is_number,
+        })
+        .collect()
+}
+
+fn within(report: &Report) -> Table {
+    let rows = report
+        .scenarios
+        .iter()
+        .map(|scenario| {
+            let mut row = vec![
+                scenario.id.clone(),
+                clipped(&scenario.slug),
+                scenario.standing.name().to_owned(),
+            ];
+            row.push(match scenario.standing {
+                Standing::Infeasible => "–".to_owned(),
+                _ => format!("{}/{}", scenario.windows_counted(), scenario.windows.len()),
+            });
+            row.extend(count_and_rejected(report, &scenario.id, &scenario.id));
+            row
+        })
+        .collect();
+    Table {
+        title: "Table 1. Rejections within each scenario".to_owned(),
+        columns: texts(&[
+            ("", false),
+            ("scenario", false),
+            ("outcome", false),
+            ("windows", true),
+            ("N", true),
+            ("rejected", true),
+        ]),
+        rows,
+        notes: vec!["N is the number of window pairs, of windows that count.".to_owned()],
+    }
+}
+
+/// N and the rejections among them, in two cells.
+fn count_and_rejected(report: &Report, a: &str, b: &str) -> [String; 2] {
+    match report.tally(a, b) {
+        Some(tally) => [tally.pairs.to_string(), tally.rejected.to_string()],
+        None => ["–".to_owned(), NO_DATA.to_owned()],
+    }
+}
+
+fn clipped(name: &str) -> String {
+    clipped_to(name, NAME_WIDTH)
+}
+
+fn clipped_to(name: &str, width: usize) -> String {
+    if name.chars().count() <= width {
+        return name.to_owned();
+    }
+    let mut clipped: String = name.chars().take(width - 1).collect();
+    clipped.push('…');
+    clipped
+}
+
+/// A note that names the scenarios of a table that have no data, and why.
+fn no_data_note<'a>(scenarios: impl Iterator<Item = &'a ScenarioReport>) -> Option<String> {
+    let without: BTreeSet<String> = scenarios
+        .filter(|scenario| scenario.windows_counted() == 0)
+        .map(|scenario| format!("{} ({})", scenario.id, scenario.standing.name()))
+        .collect();
+    let without: Vec<String> = without.into_iter().collect();
+    (!without.is_empty()).then(|| format!("No data of {}: see the scenarios.", without.join(", ")))
+}

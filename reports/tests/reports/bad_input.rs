@@ -1,0 +1,246 @@
+//! What is wrong with a run directory is said once, with the file, the place and what to do.
+
+use std::{error::Error, fs, path::Path};
+
+use reports::{ReadError, Run};
+use rstest::rstest;
+use workload::record::window::Verdict;
+
+use crate::synthetic::{Scenario, Synthetic};
+
+const SLUG: &str = "i686-ubuntu-native";
+
+fn one_scenario() -> Synthetic {
+    Synthetic::new(&[Scenario::measured(SLUG, &[0.1, 0.1, 0.1, 0.1])])
+}
+
+/// The error with its causes, and the hint; the folder of the test left out.
+fn complaint(synthetic: &Synthetic, result: Result<Run, ReadError>) -> (String, String) {
+    let error = result.expect_err("the run directory should not be readable");
+    let mut text = error.to_string();
+    let mut cause = error.source();
+    while let Some(error) = cause {
+        text.push_str(&format!(": {error}"));
+        cause = error.source();
+    }
+    let folder = format!("{}/", synthetic.directory.path().display());
+    (text.replace(&folder, ""), error.hint())
+}
+
+fn load(synthetic: &Synthetic) -> Result<Run, ReadError> {
+    reports::load(synthetic.directory.path())
+}
+
+#[test]
+fn a_missing_run_directory_is_not_found() {
+    let error = reports::load("/nowhere/at/all").unwrap_err();
+    assert_eq!(error.to_string(), "there is no run directory at /nowhere/at/all");
+    assert!(error.hint().contains("matrix run"));
+}
+
+#[test]
+fn a_file_or_an_empty_folder_is_not_a_run_directory() {
+    let folder = tempfile::tempdir().unwrap();
+    let error = reports::load(folder.path()).unwrap_err();
+    assert!(
+        error
+            .to_string()
+            .ends_with("is not a run directory: it has no manifest.json"),
+        "{error}"
+    );
+    let file = folder.path().join("matrix.yaml");
+    fs::write(&file, "matrix: {}").unwrap();
+    let error = reports::load(&file).unwrap_err();
+    assert!(
+        error
+            .to_string()
+            .ends_with("is not a run directory: it is not a folder"),
+        "{error}"
+    );
+}
+
+#[rstest]
+#[case("manifest.json")]
+#[case("plan.json")]
+#[case("events.jsonl")]
+fn a_run_directory_without_one_of_its_files_is_half_written(#[case] file: &str) {
+    let synthetic = one_scenario();
+    fs::remove_file(synthetic.directory.path().join(file)).unwrap();
+    let (text, hint) = complaint(&synthetic, load(&synthetic));
+    assert_eq!(
+        text,
+        format!("the run directory is half-written: {file} is missing")
+    );
+    assert!(hint.contains("start again"), "{hint}");
+}
+
+#[rstest]
+#[case("manifest.json")]
+#[case("plan.json")]
+#[case("scenarios/i686-ubuntu-native/window-2/window.json")]
+fn a_future_format_is_said_before_anything_else_that_changed(#[case] file: &str) {
+    let synthetic = one_scenario();
+    fs::write(
+        synthetic.directory.path().join(file),
+        r#"{"format":2,"all":"else"}"#,
+    )
+    .unwrap();
+    let (text, hint) = complaint(&synthetic, load(&synthetic));
+    assert_eq!(
+        text,
+        format!("{file} has format 2, and this version of matrix knows formats up to 1")
+    );
+    assert!(hint.contains("version of matrix"), "{hint}");
+}
+
+#[rstest]
+#[case("manifest.json", "")]
+#[case("manifest.json", "{\"format\":1,\"run\":\"x")]
+#[case("plan.json", "[]")]
+#[case("scenarios/i686-ubuntu-native/window-2/window.json", "{\"format\":1}")]
+#[case("scenarios/i686-ubuntu-native/environment.json", "\u{0}")]
+fn a_damaged_file_is_named_with_the_place(#[case] file: &str, #[case] damaged: &str) {
+    let synthetic = one_scenario();
+    fs::write(synthetic.directory.path().join(file), damaged).unwrap();
+    let (text, _) = complaint(&synthetic, load(&synthetic));
+    assert!(
+        text.starts_with(&format!("{file} cannot be understood: ")) && text.contains("line 1"),
+        "{text}"
+    );
+}
+
+/// Replaces one field of one line of a log, lines from 1.
+fn with_field(log: &str, line: usize, column: usize, text: &str) -> String {
+    let mut lines: Vec<String> = log.lines().map(str::to_owned).collect();
+    let mut fields: Vec<&str> = lines[line - 1].split(',').collect();
+    fields[column] = text;
+    lines[line - 1] = fields.join(",");
+    lines.join("\n") + "\n"
+}
+
+fn without_line(log: &str, line: usize) -> String {
+    log.lines()
+        .enumerate()
+        .filter(|(at, _)| at + 1 != line)
+        .map(|(_, text)| format!("{text}\n"))
+        .collect()
+}
+
+type Edit = fn(String) -> String;
+
+#[rstest]
+#[case::nan(|log: String| with_field(&log, 17, 9, "NaN"), "line 17 has `NaN` in column `x_m`: the loop diverged, or its arithmetic is broken")]
+#[case::infinity(|log: String| with_field(&log, 17, 5, "-inf"), "line 17 has `-inf` in column `reference_y_m`: the loop diverged, or its arithmetic is broken")]
+#[case::nan_elsewhere(|log: String| with_field(&log, 3, 18, "NaN"), "line 3 has `NaN` in column `command_y_v`: the loop diverged, or its arithmetic is broken")]
+#[case::huge(|log: String| with_field(&log, 17, 13, "1e999"), "line 17 has `1e999` in column `y_m`: the loop diverged, or its arithmetic is broken")]
+#[case::text(|log: String| with_field(&log, 17, 9, "<ok>"), "line 17 has `<ok>` in column `x_m`, which is not a number of its kind")]
+#[case::words(|log: String| with_field(&log, 17, 9, "nine"), "line 17 has `nine` in column `x_m`, which is not a number of its kind")]
+#[case::fraction_of_a_step(|log: String| with_field(&log, 17, 0, "1.5"), "line 17 has `1.5` in column `step`, which is not a number of its kind")]
+#[case::cut_between_fields(|log: String| log[..log.len() - 60].to_owned(), "line 301 is cut short")]
+#[case::cut_in_the_last_field(|log: String| log[..log.len() - 2].to_owned(), "line 301 is cut short")]
+#[case::cut_at_a_line(|log: String| without_line(&log, 301), "it has 299 control steps, and its window has 300")]
+#[case::gap(|log: String| without_line(&log, 100), "line 100 is step 399, and step 398 was to follow")]
+#[case::twice(|log: String| with_field(&log, 100, 0, "397"), "line 100 is step 397, and step 398 was to follow")]
+#[case::column(|log: String| log.replace("x_m,x_rate", "wide,x_rate"), "column `x_m` is missing in the first line")]
+#[case::empty(|_: String| String::new(), "column `step` is missing in the first line")]
+fn a_log_that_cannot_be_used_is_named_with_its_line(#[case] edit: Edit, #[case] message: &str) {
+    let synthetic = one_scenario();
+    // As if it had been measured so: the checksum fits.
+    synthetic.edit_log(SLUG, 2, true, edit);
+    let (text, hint) = complaint(&synthetic, load(&synthetic));
+    assert_eq!(
+        text,
+        format!("scenarios/{SLUG}/window-2/control.csv cannot be used: {message}")
+    );
+    assert!(hint.contains("the measurement itself is at fault"), "{hint}");
+    // Changed afterwards: the same place, and another thing to do.
+    let synthetic = one_scenario();
+    synthetic.edit_log(SLUG, 2, false, edit);
+    let (text, hint) = complaint(&synthetic, load(&synthetic));
+    assert!(text.ends_with(message), "{text}");
+    assert!(hint.contains("restore it from a copy"), "{hint}");
+}
+
+#[test]
+fn a_log_that_was_changed_with_care_is_found_out_by_its_checksum() {
+    let synthetic = one_scenario();
+    synthetic.edit_log(SLUG, 3, false, |log| log.replacen("0.0,0.0", "0.0,0.1", 1));
+    let (text, _) = complaint(&synthetic, load(&synthetic));
+    assert!(
+        text.contains(
+            "window-3/control.csv cannot be used: it is not the file that was measured: its SHA-256"
+        ),
+        "{text}"
+    );
+}
+
+#[test]
+fn moving_the_folder_of_a_bad_window_away_makes_the_run_readable() {
+    let synthetic = one_scenario();
+    synthetic.edit_log(SLUG, 2, false, |_| "NaN".to_owned());
+    load(&synthetic).unwrap_err();
+    fs::rename(
+        synthetic.directory.window(SLUG, 2),
+        synthetic.directory.path().join("aside"),
+    )
+    .unwrap();
+    assert_eq!(load(&synthetic).unwrap().scenarios[0].counted().count(), 3);
+}
+
+#[test]
+fn columns_may_stand_in_any_order() {
+    let synthetic = one_scenario();
+    let before = load(&synthetic).unwrap();
+    let reversed = |line: &str| line.split(',').rev().collect::<Vec<_>>().join(",") + "\n";
+    synthetic.edit_log(SLUG, 1, true, |log| log.lines().map(reversed).collect());
+    let after = load(&synthetic).unwrap();
+    let traces = |run: &Run| {
+        run.scenarios[0]
+            .counted()
+            .map(|(_, _, trace)| trace.clone())
+            .collect::<Vec<_>>()
+    };
+    assert_eq!(traces(&before), traces(&after));
+}
+
+#[test]
+fn the_log_of_an_invalid_window_is_not_even_read() {
+    let synthetic = one_scenario();
+    synthetic.edit_log(SLUG, 2, false, |_| "NaN".to_owned());
+    synthetic.edit_window(SLUG, 2, |record| record.verdict = Verdict::Invalid);
+    assert_eq!(load(&synthetic).unwrap().scenarios[0].counted().count(), 3);
+}
+
+#[test]
+fn garbage_in_the_midst_of_the_journal_is_an_error() {
+    let synthetic = one_scenario();
+    let path = synthetic.directory.journal();
+    let journal = fs::read_to_string(&path).unwrap();
+    fs::write(
+        &path,
+        journal.replacen("scenario-started", "scenario-st\u{fffd}", 1),
+    )
+    .unwrap();
+    let (text, hint) = complaint(&synthetic, load(&synthetic));
+    assert!(
+        text.starts_with("line 2 of events.jsonl is not an event: unknown variant"),
+        "{text}"
+    );
+    assert!(hint.contains("restore line 2"), "{hint}");
+}
+
+#[test]
+fn reading_changes_nothing() {
+    let synthetic = one_scenario();
+    let listing = |path: &Path| {
+        let mut names: Vec<_> = fs::read_dir(path)
+            .unwrap()
+            .map(|entry| entry.unwrap().path())
+            .collect();
+        names.sort();
+        names
+    };
+    let before = listing(synthetic.directory.path());
+    load(&synthetic).unwrap();
+    assert_eq!(before, listing(synthetic.directory.path()));
+}

@@ -1,0 +1,11 @@
+//! Run directories as a user may have them, through to what the report says of them.
+
+#![allow(
+    clippy::unwrap_used,
+    clippy::expect_used,
+    reason = "clippy knows test functions, not their helpers"
+)]
+
+mod bad_input;
+mod synthetic;
+mod tables;

@@ -1,0 +1,270 @@
+//! What a report says.
+
+use reports::{
+    Report, analyse,
+    run_directory::{Event, Outcome},
+    settings::{Metric, ReportSettings},
+};
+use serde_json::json;
+use workload::record::window::Verdict;
+
+use crate::synthetic::{Scenario, Synthetic, journal};
+
+/// The paper's nine scenarios with made-up numbers: docker on b's platform far off, all else alike.
+fn nine() -> Vec<Scenario> {
+    let alike = [0.1000, 0.1001, 0.0999, 0.1000];
+    vec![
+        Scenario::infeasible("i686-ubuntu-docker", "excluded: Docker does not run on i686"),
+        Scenario::measured("i686-ubuntu-native", &alike),
+        Scenario::measured("i686-ubuntu-virtualbox", &[0.1002, 0.1000, 0.1000, 0.13]),
+        Scenario::measured("i7-osx-docker", &[0.120, 0.121, 0.122, 0.123]).by("docker"),
+        Scenario::infeasible("i7-osx-native", "excluded: mininet does not run on OSX"),
+        Scenario::ended(
+            "i7-osx-virtualbox",
+            Outcome::Errored,
+            "vagrant up: exit code 1\nE: no such box",
+        ),
+        Scenario::measured("arm64-ubuntu-docker", &[0.120, 0.121]).by("docker"),
+        Scenario::measured("arm64-ubuntu-native", &[0.1001, 0.1000, 0.1001, 0.0999]),
+        Scenario {
+            outcome: None,
+            ..Scenario::measured("arm64-ubuntu-virtualbox", &[])
+        },
+    ]
+}
+
+fn report_of(synthetic: &Synthetic) -> Report {
+    let run = reports::load(synthetic.directory.path()).unwrap();
+    analyse(&run, &run.manifest.report)
+}
+
+#[test]
+fn the_papers_tables_in_markdown() {
+    let synthetic = Synthetic::new(&nine());
+    let markdown = report_of(&synthetic).markdown();
+    for line in markdown.lines() {
+        assert!(
+            line.chars().count() <= 80,
+            "{} columns: {line}",
+            line.chars().count()
+        );
+    }
+    insta::assert_snapshot!(markdown);
+}
+
+#[test]
+fn the_papers_tables_in_latex() {
+    insta::assert_snapshot!(report_of(&Synthetic::new(&nine())).latex());
+}
+
+#[test]
+fn the_report_as_json() {
+    let scenarios = [
+        Scenario::measured("x86-debian-native", &[0.1, 0.1]),
+        Scenario::measured("x86-debian-docker", &[0.2]).by("docker"),
+        Scenario::infeasible("x86-debian-virtualbox", "no VBoxManage"),
+        Scenario::ended("arm-debian-native", Outcome::Errored, "host unreachable"),
+    ];
+    let json = report_of(&Synthetic::new(&scenarios)).json();
+    insta::assert_snapshot!(serde_json::to_string_pretty(&json).unwrap());
+}
+
+#[test]
+fn four_windows_give_six_pairs_and_two_scenarios_sixteen() {
+    let report = report_of(&Synthetic::new(&nine()));
+    let count = |a, b| report.tally(a, b).map(|tally| (tally.pairs, tally.rejected));
+    assert_eq!(count("b", "b"), Some((6, 0)));
+    assert_eq!(count("c", "c"), Some((6, 3)), "one window of c is apart");
+    assert_eq!(count("b", "h"), Some((16, 0)));
+    assert_eq!(count("b", "d"), Some((16, 16)));
+    assert_eq!(count("d", "b"), Some((16, 16)), "in either order");
+    assert_eq!(count("b", "g"), Some((8, 8)), "g has two windows");
+    assert_eq!(count("b", "f"), None, "no data is not no change");
+}
+
+#[test]
+fn the_first_period_of_a_run_is_left_out_and_of_its_other_windows_not() {
+    let synthetic = Synthetic::new(&nine());
+    let sizes = |report: &Report| {
+        report
+            .samples
+            .iter()
+            .take(4)
+            .map(|s| s.errors_m.len())
+            .collect::<Vec<_>>()
+    };
+    let run = reports::load(synthetic.directory.path()).unwrap();
+    assert_eq!(
+        sizes(&analyse(&run, &ReportSettings::default())),
+        [29, 30, 30, 30]
+    );
+    let settings = ReportSettings {
+        discard_periods: 3,
+        ..ReportSettings::default()
+    };
+    assert_eq!(sizes(&analyse(&run, &settings)), [27, 30, 30, 30]);
+}
+
+#[test]
+fn each_metric_is_what_its_name_says() {
+    // e_x = 0.1 and e_y = −0.1 at each step, up to the noise that all metrics share.
+    let run = reports::load(Synthetic::new(&nine()).directory.path()).unwrap();
+    let first = |metric| {
+        let settings = ReportSettings {
+            metric,
+            ..ReportSettings::default()
+        };
+        analyse(&run, &settings).samples[0].errors_m[0]
+    };
+    let x = first(Metric::MeanAbsX);
+    assert!((0.09..0.11).contains(&x), "{x}");
+    for (metric, factor) in [
+        (Metric::MeanAbsY, 1.0),
+        (Metric::MeanAbsSum, 2.0),
+        (Metric::MeanDistance, 2_f64.sqrt()),
+        (Metric::RootMeanSquare, 2_f64.sqrt()),
+    ] {
+        assert!((first(metric) - factor * x).abs() < 1e-12, "{metric:?}");
+    }
+}
+
+#[test]
+fn invalid_and_broken_windows_are_listed_and_never_counted() {
+    let synthetic = Synthetic::new(&nine());
+    let b = "i686-ubuntu-native";
+    synthetic.edit_window(b, 1, |record| {
+        record.verdict = Verdict::Invalid;
+        record.reasons = vec!["21 % of the steps were late".to_owned()];
+    });
+    synthetic.edit_window(b, 2, |record| {
+        record.verdict = Verdict::Suspect;
+        record.reasons = vec!["the wall clock jumped by 2 s".to_owned()];
+    });
+    std::fs::remove_file(synthetic.directory.window(b, 3).join("window.json")).unwrap();
+    let report = report_of(&synthetic);
+    assert_eq!(
+        report.tally("b", "b").map(|tally| tally.pairs),
+        Some(1),
+        "windows 2 and 4"
+    );
+    let windows: Vec<_> = report.scenarios[1]
+        .windows
+        .iter()
+        .map(|w| (w.verdict, w.n))
+        .collect();
+    assert_eq!(
+        windows,
+        [("invalid", 0), ("suspect", 30), ("broken", 0), ("valid", 30)]
+    );
+    let markdown = report.markdown();
+    for line in [
+        "  - window 1 invalid, not counted: 21 % of the steps were late",
+        "  - window 2 suspect, counted: the wall clock jumped by 2 s",
+        "  - window 3 broken, not counted: window.json is missing, so it was never",
+    ] {
+        assert!(markdown.contains(line), "{line}\n{markdown}");
+    }
+}
+
+#[test]
+fn an_incomplete_window_is_broken() {
+    let synthetic = Synthetic::new(&nine());
+    synthetic.edit_window("i686-ubuntu-native", 4, |record| {
+        record.complete = false;
+        record.steps_done = 120;
+    });
+    let window = &report_of(&synthetic).scenarios[1].windows[3];
+    assert_eq!(
+        (window.verdict, window.reasons.join("")),
+        ("broken", "120 of 300 steps were done".to_owned())
+    );
+}
+
+#[test]
+fn what_the_fake_provider_made_up_is_said_first() {
+    let scenarios = [Scenario::measured("x86-debian-native", &[0.1, 0.1]).by("fake")];
+    let report = report_of(&Synthetic::new(&scenarios));
+    assert_eq!(report.json()["simulated"], json!(true));
+    assert_eq!(report.json()["scenarios"][0]["simulated"], json!(true));
+    let markdown = report.markdown();
+    assert!(
+        markdown
+            .lines()
+            .nth(2)
+            .unwrap()
+            .starts_with("> **SIMULATED, NOT MEASURED: scenario a was made up")
+    );
+    assert!(report.latex().contains("\\textbf{SIMULATED, NOT MEASURED"));
+}
+
+#[test]
+fn windows_too_short_to_be_told_apart_are_said_to_be() {
+    let synthetic = Synthetic::new(&nine());
+    let run = reports::load(synthetic.directory.path()).unwrap();
+    let settings = ReportSettings {
+        alpha: 1e-30,
+        ..ReportSettings::default()
+    };
+    let report = analyse(&run, &settings);
+    assert!(
+        report.remarks[0].contains("such windows are never told apart"),
+        "{:?}",
+        report.remarks
+    );
+}
+
+#[test]
+fn without_a_control_the_tables_say_what_is_missing() {
+    let scenarios = [Scenario::measured("x86-debian-docker", &[0.1, 0.1])];
+    let markdown = report_of(&Synthetic::new(&scenarios)).markdown();
+    let unwrapped = markdown.replace('\n', " ");
+    assert!(unwrapped.contains(
+        "Nothing to compare with: no scenario is what `report.control` asks for (virtualization: native)"
+    ));
+    assert!(unwrapped.contains("No two virtualizations on one platform besides the control"));
+}
+
+#[test]
+fn a_journal_that_a_crash_cut_still_gives_a_report_with_a_remark() {
+    let scenarios = nine();
+    let synthetic = Synthetic::new(&scenarios);
+    let path = synthetic.directory.journal();
+    let journal = std::fs::read_to_string(&path).unwrap();
+    std::fs::write(&path, &journal[..journal.len() - 10]).unwrap();
+    let report = report_of(&synthetic);
+    assert!(
+        report.remarks[0].contains("events.jsonl is cut"),
+        "{:?}",
+        report.remarks
+    );
+}
+
+#[test]
+fn the_last_word_of_the_journal_on_a_scenario_counts() {
+    let scenarios = [Scenario::ended(
+        "x86-debian-native",
+        Outcome::Errored,
+        "no space left",
+    )];
+    let synthetic = Synthetic::new(&scenarios);
+    let mut events = journal(&scenarios);
+    let scenario = "x86-debian-native".to_owned();
+    events.push(Event::RunStarted {
+        pid: 2,
+        resumed: true,
+    });
+    events.push(Event::ScenarioStarted {
+        scenario: scenario.clone(),
+        windows: vec![1],
+    });
+    synthetic.write_journal(&events);
+    assert_eq!(report_of(&synthetic).scenarios[0].standing.name(), "unfinished");
+    events.push(Event::ScenarioFinished {
+        scenario,
+        outcome: Outcome::Completed,
+        reason: None,
+        hint: None,
+    });
+    synthetic.write_journal(&events);
+    assert_eq!(report_of(&synthetic).scenarios[0].standing.name(), "completed");
+}
