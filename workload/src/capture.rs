@@ -7,6 +7,7 @@
 //! stamp on another is the time on the links plus the emulator's lateness, and leaves out the sockets at both ends.
 
 mod packet_socket;
+mod stamping;
 mod window_file;
 mod window_sequence;
 
@@ -231,14 +232,16 @@ impl Drop for Capture {
 /// Opens the socket on a thread of its own, since a thread cannot easily leave a namespace that it has entered.
 fn open_within(network: &dyn Network, host: VirtualHost) -> Result<PacketSocket, CaptureError> {
     thread::scope(|scope| {
-        let open =
-            || {
-                network
-                    .enter(host)
-                    .map_err(|source| CaptureError::Network { host, source })?;
-                PacketSocket::open(&network.interface(host))
-                    .map_err(|(action, source)| CaptureError::Socket { host, action, source })
-            };
+        let open = || {
+            network
+                .enter(host)
+                .map_err(|source| CaptureError::Network { host, source })?;
+            let failed = |action| move |source| CaptureError::Socket { host, action, source };
+            let socket = PacketSocket::open(&network.interface(host))
+                .map_err(|(action, source)| CaptureError::Socket { host, action, source })?;
+            stamping::wait_until_live().map_err(failed("waiting for the kernel to stamp packets"))?;
+            Ok(socket)
+        };
         let thread = thread::Builder::new()
             .spawn_scoped(scope, open)
             .map_err(|error| CaptureError::Thread {

@@ -18,6 +18,7 @@ use std::hash::{BuildHasher, Hasher, RandomState};
 use nix::errno::Errno;
 
 pub use self::namespace::become_namespace_root;
+pub(crate) use self::namespace::errno;
 use self::userspace::Userspace;
 use crate::{
     record::window::LinkRecord,

@@ -233,3 +233,5 @@ fn duration_ns(bytes: u64, bits_per_second: u64) -> i64 {
     i64::try_from(ns).unwrap_or(i64::MAX)
 }
 
+#[cfg(test)]
+mod tests;

@@ -121,7 +121,7 @@ fn on_own_thread<T: Send>(work: impl FnOnce() -> Result<T, NetworkError> + Send)
 }
 
 /// The error number of an I/O error that came from the kernel.
-pub(super) fn errno(error: &io::Error) -> Errno {
+pub(crate) fn errno(error: &io::Error) -> Errno {
     error.raw_os_error().map_or(Errno::UnknownErrno, Errno::from_raw)
 }
 

@@ -213,3 +213,5 @@ fn pooled_copy(pool: &mut Vec<Vec<u8>>, frame: &[u8]) -> Vec<u8> {
     copy
 }
 
+#[cfg(test)]
+mod tests;
