@@ -7,7 +7,7 @@
 //! Publisher   - header, then messages ->                   Subscription   (TCPROS)
 //! ```
 //!
-//! It is our own because the sockets and threads are part of the experiment: every socket is bound to one virtual
+//! It is our own because the sockets and threads are part of the experiment: every listener is bound to one virtual
 //! host's address, every thread is spawned from the thread that called (so that it stays in that thread's network
 //! namespace), a message is written by the control loop itself with one system call, and TCP_NODELAY is as the
 //! subscriber asked. Debian's rosmaster, rospy and rostopic are the other side that it is held against.
@@ -16,14 +16,25 @@
 //! <http://wiki.ros.org/ROS/TCPROS>, <http://wiki.ros.org/ROS/Parameter%20Server%20API>, and Debian's rosmaster 1.15.15
 //! where they are silent. The main types are [`Master`], [`Node`], [`Publisher`] and [`Subscription`].
 
+mod address;
+mod connection_header;
+mod connections;
+mod crew;
 mod error;
 pub mod float64_multi_array;
+mod frames;
 mod master;
 mod message_type;
+mod name;
 mod node;
 mod notice;
 mod publisher;
+mod socket;
+mod stop;
 mod subscription;
+#[cfg(test)]
+mod tests;
+mod xml_rpc;
 
 pub use error::RosError;
 pub use master::Master;

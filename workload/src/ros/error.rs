@@ -74,7 +74,6 @@ pub enum RosError {
 }
 
 impl RosError {
-    #[allow(dead_code, reason = "its users are being written")]
     pub(super) fn system(what: impl Into<String>, source: io::Error) -> Self {
         Self::System {
             what: what.into(),

@@ -89,6 +89,14 @@ pub enum Notice {
         /// How.
         reason: String,
     },
+    /// The master or a tool wants a node to end, most often since another node has taken its name. It goes on.
+    #[error("{node} was asked to shut down: {reason}")]
+    ShutdownAsked {
+        /// The node.
+        node: String,
+        /// Why.
+        reason: String,
+    },
     /// The operating system refused a thread or a socket for a connection.
     #[error("cannot {what}: {reason}")]
     System {
@@ -133,7 +141,6 @@ impl Notices {
     }
 
     /// Never blocks.
-    #[allow(dead_code, reason = "its users are being written")]
     pub(super) fn send(&self, notice: Notice) {
         if let Some(queue) = &self.queue {
             if let Err(TrySendError::Full(_)) = queue.try_send(notice) {
