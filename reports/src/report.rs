@@ -76,6 +76,8 @@ pub enum Standing {
     Errored,
     /// It could not run.
     Infeasible,
+    /// It was left out of this run.
+    NotSelected,
     /// It was asked to stop.
     Interrupted,
     /// It began, and nothing says that it ended.
@@ -95,6 +97,7 @@ impl Standing {
             Self::Infeasible => "infeasible",
             Self::Interrupted => "interrupted",
             Self::Unfinished => "unfinished",
+            Self::NotSelected => "not selected",
             Self::NotStarted => "not started",
         }
     }
@@ -245,6 +248,7 @@ fn standing(ending: &Ending) -> (Standing, Option<String>, Option<String>) {
     let resume = || Some("`matrix resume` goes on with it".to_owned());
     match ending {
         Ending::Infeasible { reason, fix } => (Standing::Infeasible, Some(reason.clone()), fix.clone()),
+        Ending::NotSelected { reason } => (Standing::NotSelected, Some(reason.clone()), None),
         Ending::NotStarted => (
             Standing::NotStarted,
             Some("its turn had not come when the run ended".to_owned()),

@@ -41,7 +41,7 @@ pub struct ScenarioRun {
     pub providers: BTreeSet<String>,
     /// Its last environment's record, if it came so far.
     pub environment: Option<EnvironmentRecord>,
-    /// One for each window of the plan; none if the scenario is infeasible.
+    /// One for each window of the plan; none if the scenario is infeasible or was not selected.
     pub windows: Vec<Window>,
     /// What broke on the way, whether or not it was measured again.
     pub broken: Vec<BrokenWindow>,
@@ -56,6 +56,11 @@ pub enum Ending {
         reason: String,
         /// What would make it feasible.
         fix: Option<String>,
+    },
+    /// It was left out of this run, although it may be feasible.
+    NotSelected {
+        /// By what.
+        reason: String,
     },
     /// Work on it has not begun.
     NotStarted,
@@ -254,23 +259,9 @@ fn load_scenario(
     } else {
         None
     };
-    let ending = if planned.feasible {
-        history.ending.unwrap_or(Ending::NotStarted)
-    } else {
-        let reason = planned
-            .reason
-            .clone()
-            .unwrap_or_else(|| "the plan does not say why".to_owned());
-        Ending::Infeasible {
-            reason,
-            fix: planned.fix.clone(),
-        }
-    };
-    let wanted = if planned.feasible {
-        planned.settings.windows
-    } else {
-        0
-    };
+    let ending = ending(&planned, history.ending);
+    let measured = !matches!(ending, Ending::Infeasible { .. } | Ending::NotSelected { .. });
+    let wanted = if measured { planned.settings.windows } else { 0 };
     let windows = (1..=wanted)
         .map(|number| {
             Ok(Window {
@@ -289,6 +280,26 @@ fn load_scenario(
         windows,
         broken: history.broken,
     })
+}
+
+fn ending(planned: &PlannedScenario, journaled: Option<Ending>) -> Ending {
+    if !planned.feasible {
+        let reason = planned
+            .reason
+            .clone()
+            .unwrap_or_else(|| "the plan does not say why".to_owned());
+        return Ending::Infeasible {
+            reason,
+            fix: planned.fix.clone(),
+        };
+    }
+    match (&planned.not_selected, journaled) {
+        (_, Some(ending)) => ending,
+        (Some(reason), None) => Ending::NotSelected {
+            reason: reason.clone(),
+        },
+        (None, None) => Ending::NotStarted,
+    }
 }
 
 fn load_window(

@@ -71,7 +71,7 @@ fn within(report: &Report) -> Table {
                 scenario.standing.name().to_owned(),
             ];
             row.push(match scenario.standing {
-                Standing::Infeasible => "–".to_owned(),
+                Standing::Infeasible | Standing::NotSelected => "–".to_owned(),
                 _ => format!("{}/{}", scenario.windows_counted(), scenario.windows.len()),
             });
             row.extend(count_and_rejected(report, &scenario.id, &scenario.id));

@@ -72,7 +72,7 @@ fn scenario(scenario: &ScenarioReport) -> String {
         scenario.slug,
         scenario.standing.name()
     );
-    if scenario.standing != Standing::Infeasible {
+    if !scenario.windows.is_empty() {
         head.push_str(&format!(
             ", {} of {} windows count",
             scenario.windows_counted(),
@@ -90,7 +90,7 @@ fn scenario(scenario: &ScenarioReport) -> String {
     if let Some(hint) = &scenario.hint {
         item(format!("to do: {hint}"));
     }
-    let unmeasured = matches!(scenario.standing, Standing::NotStarted | Standing::Infeasible);
+    let unmeasured = scenario.standing == Standing::NotStarted;
     for (numbers, window) in alike(scenario)
         .into_iter()
         .filter(|(_, window)| !unmeasured && window.verdict != "valid")

@@ -31,6 +31,8 @@ pub struct Scenario {
     pub provider: &'static str,
     /// Why it is infeasible.
     pub infeasible: Option<&'static str>,
+    /// By what it was left out.
+    pub not_selected: Option<&'static str>,
     /// How it ended; none if the journal does not say.
     pub outcome: Option<(Outcome, Option<&'static str>)>,
     /// Mean error of each window that was measured, in metres.
@@ -43,6 +45,7 @@ impl Scenario {
             slug,
             provider: "native",
             infeasible: None,
+            not_selected: None,
             outcome: Some((Outcome::Completed, None)),
             errors_m: errors_m.to_vec(),
         }
@@ -220,6 +223,7 @@ fn planned(id: String, scenario: &Scenario) -> PlannedScenario {
         feasible: scenario.infeasible.is_none(),
         reason: scenario.infeasible.map(str::to_owned),
         fix: scenario.infeasible.map(|_| "add a host that can".to_owned()),
+        not_selected: scenario.not_selected.map(str::to_owned),
         settings: settings(),
     }
 }
@@ -229,7 +233,10 @@ pub fn journal(scenarios: &[Scenario]) -> Vec<Event> {
         pid: 1,
         resumed: false,
     }];
-    for scenario in scenarios.iter().filter(|scenario| scenario.infeasible.is_none()) {
+    for scenario in scenarios
+        .iter()
+        .filter(|s| s.infeasible.is_none() && s.not_selected.is_none())
+    {
         let slug = scenario.slug.to_owned();
         events.push(Event::ScenarioStarted {
             scenario: slug.clone(),

@@ -64,6 +64,11 @@ fn the_report_as_json() {
         Scenario::measured("x86-debian-docker", &[0.2]).by("docker"),
         Scenario::infeasible("x86-debian-virtualbox", "no VBoxManage"),
         Scenario::ended("arm-debian-native", Outcome::Errored, "host unreachable"),
+        Scenario {
+            outcome: None,
+            not_selected: Some("not selected by `--only a`"),
+            ..Scenario::measured("arm-debian-docker", &[])
+        },
     ];
     let json = report_of(&Synthetic::new(&scenarios)).json();
     insta::assert_snapshot!(serde_json::to_string_pretty(&json).unwrap());
