@@ -6,3 +6,5 @@ pub mod lease;
 pub mod observer;
 pub mod provider;
 pub mod run;
+pub mod state_directory;
+pub mod workload_binary;

@@ -4,34 +4,38 @@
 //! live handle. What is asked for is an [`EnvironmentRequest`], plain data, so that a crashed run can ask again for the
 //! very same thing. Every resource is named after the environment or labelled with it: that is how leftovers are found.
 //!
-//! `choose` is the one place that knows which providers there are.
+//! [`choose`] is the one place that knows which providers there are.
 
+mod data_folder;
 pub mod docker;
+mod ended;
+mod environment_directory;
 mod error;
+mod executable;
 pub mod fake;
+mod lines;
+pub mod native;
 mod settings;
+pub mod vagrant;
 
-use std::path::{Path, PathBuf};
+use std::{
+    ffi::OsString,
+    iter,
+    path::{Path, PathBuf},
+};
 
 use async_trait::async_trait;
 use reports::run_directory::Resource;
 use serde_json::{Map, Value};
 use workload::{record::progress::Progress, settings::Settings};
 
+use crate::state_directory::StateDirectory;
+
+pub use ended::Ended;
 pub use error::ProviderError;
 pub use settings::ProviderSettings;
 
-/// The values of the `virtualization` axis that there is a provider for.
-pub const NAMES: [&str; 8] = [
-    "native",
-    "docker",
-    "fake",
-    "virtualbox",
-    "libvirt",
-    "vmware_desktop",
-    "parallels",
-    "hyperv",
-];
+use self::{docker::Docker, native::Native, vagrant::Vagrant};
 
 /// Whether something can be had on a host.
 #[derive(Debug, Clone, PartialEq, Eq)]
@@ -48,6 +52,17 @@ pub enum Availability {
         /// What would make it available.
         fix: Option<String>,
     },
+}
+
+impl Availability {
+    /// Not available, since asking ended with this error.
+    #[must_use]
+    pub fn prevented_by(error: ProviderError) -> Self {
+        Self::Unavailable {
+            reason: error.with_causes(),
+            fix: error.hint(),
+        }
+    }
 }
 
 /// An environment to be created, or to be found again.
@@ -67,6 +82,23 @@ pub struct EnvironmentRequest {
     pub settings: Settings,
     /// The numbers of the windows it is to measure, one contiguous stretch of the loop.
     pub windows: Vec<u32>,
+}
+
+impl EnvironmentRequest {
+    /// The workload's arguments: what `workload run` is to do, with its data in `data`.
+    #[must_use]
+    pub fn arguments(&self, data: &Path) -> Vec<OsString> {
+        let windows: Vec<_> = self.windows.iter().map(u32::to_string).collect();
+        // Settings are plain data: they can always be written.
+        let settings = serde_json::to_string(&self.settings).unwrap_or_default();
+        let option = |name: &str, value: OsString| [OsString::from(name), value];
+        iter::once(OsString::from("run"))
+            .chain(option("--environment", OsString::from(&self.environment)))
+            .chain(option("--settings", OsString::from(settings)))
+            .chain(option("--data", data.as_os_str().to_owned()))
+            .chain(option("--windows", OsString::from(windows.join(","))))
+            .collect()
+    }
 }
 
 /// Makes environments of one kind on one host.
@@ -148,15 +180,6 @@ pub trait Environment: Send {
     async fn discard(self: Box<Self>) -> Result<(), ProviderError>;
 }
 
-/// How a workload's process ended.
-#[derive(Debug, Clone, PartialEq, Eq)]
-pub struct Ended {
-    /// Whether it ended by itself with exit code 0.
-    pub success: bool,
-    /// In words.
-    pub how: String,
-}
-
 /// Something of ours that exists on a host.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Leftover {
@@ -171,3 +194,44 @@ pub struct Leftover {
     /// Whether a workload runs in it now.
     pub running: bool,
 }
+
+/// The provider of a `virtualization`, for the host of that name in the matrix file.
+///
+/// # Errors
+/// When there is none of that name.
+pub fn choose(
+    virtualization: &str,
+    settings: &ProviderSettings,
+    host: &str,
+) -> Result<Box<dyn Provider>, ProviderError> {
+    let state = StateDirectory::of_this_user;
+    match virtualization {
+        "native" => Ok(Box::new(Native::new(host, state()))),
+        "docker" => Ok(Box::new(Docker::new(host, settings.docker.clone()))),
+
+        other => match Vagrant::with_provider(other) {
+            Some(vagrant) => Ok(Box::new(vagrant)),
+            None => Err(ProviderError::Unknown {
+                name: other.to_owned(),
+            }),
+        },
+    }
+}
+
+/// Every name that [`choose`] knows, for those who misspelt one.
+#[must_use]
+pub fn names() -> Vec<&'static str> {
+    CREATING.into_iter().chain(vagrant::PROVIDERS).collect()
+}
+
+/// Every provider that can have left something behind on this machine.
+#[must_use]
+pub fn all() -> Vec<Box<dyn Provider>> {
+    CREATING
+        .into_iter()
+        .filter_map(|name| choose(name, &ProviderSettings::default(), "localhost").ok())
+        .collect()
+}
+
+/// The providers that create something.
+const CREATING: [&str; 2] = ["native", "docker"];

@@ -1,5 +1,321 @@
-//! The `docker` provider.
+//! The `docker` provider: the workload as the main process of a container. The main type is [`Docker`].
+//!
+//! ```text
+//! survey   engine, image named by the user       -> can it work here
+//! create   image (built once) -> container with its volume, both named after the environment -> started
+//! follow   the container's log, from its first line
+//! collect  the volume, through the container; through one that is never started if the container is gone
+//! discard  container, volume; the image stays until `matrix clean`
+//! ```
 
+mod archive;
+mod container;
+mod engine;
+mod environment;
+mod follow;
+mod image;
+mod labels;
 mod settings;
 
+use async_trait::async_trait;
+use bollard::{
+    models::ContainerInspectResponse,
+    query_parameters::{
+        CreateContainerOptionsBuilder, InspectContainerOptions, ListContainersOptionsBuilder,
+        ListImagesOptionsBuilder, ListVolumesOptionsBuilder, RemoveImageOptionsBuilder,
+        StartContainerOptions,
+    },
+};
+use reports::run_directory::Resource;
+use serde_json::{Map, Value, json};
+use tokio::sync::OnceCell;
+
+use self::{
+    engine::{Engine, if_there, is_missing, translate},
+    environment::{DockerEnvironment, Remains},
+    follow::Follower,
+    image::Image,
+    labels::Labels,
+};
+use super::{Availability, Environment, EnvironmentRequest, Leftover, Provider, ProviderError};
+
 pub use settings::DockerSettings;
+
+const NAME: &str = "docker";
+const CONTAINER: &str = "container";
+const VOLUME: &str = "volume";
+const IMAGE: &str = "image";
+
+/// Containers of one Docker Engine.
+#[derive(Debug)]
+pub struct Docker {
+    host: String,
+    settings: DockerSettings,
+    /// Connected to when it is needed first.
+    engine: OnceCell<Engine>,
+}
+
+impl Docker {
+    /// On the host of that name in the matrix file.
+    #[must_use]
+    pub fn new(host: &str, settings: DockerSettings) -> Self {
+        Self {
+            host: host.to_owned(),
+            settings,
+            engine: OnceCell::new(),
+        }
+    }
+
+    async fn engine(&self) -> Result<&Engine, ProviderError> {
+        self.engine.get_or_try_init(Engine::connect).await
+    }
+
+    fn resource(&self, kind: &str, name: &str) -> Resource {
+        Resource {
+            host: self.host.clone(),
+            kind: kind.to_owned(),
+            name: name.to_owned(),
+        }
+    }
+
+    fn leftover(&self, kind: &str, name: &str, labels: &Labels, running: bool) -> Leftover {
+        Leftover {
+            resource: self.resource(kind, name),
+            run: labels.run(),
+            run_directory: labels.run_directory(),
+            scenario: labels.scenario(),
+            running,
+        }
+    }
+
+    /// What explains a container: its engine, its image, its limits.
+    fn facts(&self, engine: &Engine, image: &Image, warnings: &[String]) -> Map<String, Value> {
+        let facts = json!({
+            "provider": NAME,
+            "engine_version": engine.version,
+            "engine_api_version": engine.api_version,
+            "engine_kernel": engine.kernel,
+            "image": image.name,
+            "image_id": image.id,
+            "image_base": image.base.as_ref().map(|(name, id)| json!({"name": name, "id": id})),
+            "workload_sha256": crate::workload_binary::sha256(),
+            "limits": self.settings,
+            "engine_warnings": warnings,
+        });
+        match facts {
+            Value::Object(facts) => facts,
+            _ => Map::new(),
+        }
+    }
+
+    async fn inspect(engine: &Engine, name: &str) -> Result<Option<ContainerInspectResponse>, ProviderError> {
+        if_there(
+            "looking for the container",
+            engine
+                .api
+                .inspect_container(name, None::<InspectContainerOptions>)
+                .await,
+        )
+    }
+
+    /// The environment whose container is gone, if its volume is not.
+    async fn find_volume(
+        &self,
+        engine: &Engine,
+        request: &EnvironmentRequest,
+    ) -> Result<Option<Box<dyn Environment>>, ProviderError> {
+        let name = &request.environment;
+        let volume = if_there("looking for the volume", engine.api.inspect_volume(name).await)?;
+        if volume.is_none_or(|volume| !Labels::read(Some(volume.labels)).name_environment(name)) {
+            return Ok(None);
+        }
+        let image = image::ensure(engine, self.settings.image.as_deref()).await?;
+        let reader = format!("{name}-reader");
+        if Self::inspect(engine, &reader).await?.is_none() {
+            let options = CreateContainerOptionsBuilder::default().name(&reader).build();
+            engine
+                .api
+                .create_container(Some(options), container::reader(request, &image.name))
+                .await
+                .map_err(|error| translate("creating a container to read the volume", error))?;
+        }
+        let lines = archive::progress(engine, &reader).await?.into();
+        let remains = Remains::Volume {
+            reader,
+            lines,
+            last: None,
+        };
+        let facts = self.facts(engine, &image, &[]);
+        Ok(Some(Box::new(DockerEnvironment::new(
+            engine.clone(),
+            name.clone(),
+            facts,
+            remains,
+        ))))
+    }
+}
+
+#[async_trait]
+impl Provider for Docker {
+    fn name(&self) -> &'static str {
+        NAME
+    }
+
+    async fn survey(&self) -> Availability {
+        let surveyed = async {
+            let engine = self.engine().await?;
+            if let Some(image) = &self.settings.image {
+                image::base_id(engine, image).await?;
+            }
+            Ok(engine.judge())
+        };
+        surveyed.await.unwrap_or_else(Availability::prevented_by)
+    }
+
+    fn resources(&self, request: &EnvironmentRequest) -> Vec<Resource> {
+        [CONTAINER, VOLUME]
+            .map(|kind| self.resource(kind, &request.environment))
+            .into()
+    }
+
+    async fn create(&self, request: &EnvironmentRequest) -> Result<Box<dyn Environment>, ProviderError> {
+        let engine = self.engine().await?;
+        let name = &request.environment;
+        let image = image::ensure(engine, self.settings.image.as_deref()).await?;
+        let options = CreateContainerOptionsBuilder::default().name(name).build();
+        let created = engine
+            .api
+            .create_container(
+                Some(options),
+                container::workload(request, &self.settings, &image.name),
+            )
+            .await
+            .map_err(|error| translate(&format!("creating the container {name}"), error))?;
+        engine
+            .api
+            .start_container(name, None::<StartContainerOptions>)
+            .await
+            .map_err(|error| translate(&format!("starting the container {name}"), error))?;
+        let remains = Remains::Container {
+            running: true,
+            lines: Follower::of(engine.clone(), name.clone()),
+        };
+        let facts = self.facts(engine, &image, &created.warnings);
+        Ok(Box::new(DockerEnvironment::new(
+            engine.clone(),
+            name.clone(),
+            facts,
+            remains,
+        )))
+    }
+
+    async fn find(
+        &self,
+        request: &EnvironmentRequest,
+    ) -> Result<Option<Box<dyn Environment>>, ProviderError> {
+        let engine = self.engine().await?;
+        let name = &request.environment;
+        let Some(found) = Self::inspect(engine, name).await? else {
+            return self.find_volume(engine, request).await;
+        };
+        let config = found.config.unwrap_or_default();
+        if !Labels::read(config.labels).name_environment(name) {
+            return Ok(None);
+        }
+        let image = Image {
+            name: config.image.unwrap_or_default(),
+            id: found.image.unwrap_or_default(),
+            base: None,
+        };
+        let remains = Remains::Container {
+            running: found.state.and_then(|state| state.running) == Some(true),
+            lines: Follower::of(engine.clone(), name.clone()),
+        };
+        let facts = self.facts(engine, &image, &[]);
+        Ok(Some(Box::new(DockerEnvironment::new(
+            engine.clone(),
+            name.clone(),
+            facts,
+            remains,
+        ))))
+    }
+
+    /// Containers first, since what they use cannot be removed before them.
+    async fn leftovers(&self) -> Result<Vec<Leftover>, ProviderError> {
+        let engine = self.engine().await?;
+        let failed = |error| translate("listing what is ours", error);
+        let mut leftovers = Vec::new();
+
+        let options = ListContainersOptionsBuilder::default()
+            .all(true)
+            .filters(&labels::only_ours())
+            .build();
+        for found in engine.api.list_containers(Some(options)).await.map_err(failed)? {
+            let running = found.state.is_some_and(|state| state.to_string() == "running");
+            let name = found.names.into_iter().flatten().next().or(found.id);
+            let name = name.unwrap_or_default();
+            let labels = Labels::read(found.labels);
+            leftovers.push(self.leftover(CONTAINER, name.trim_start_matches('/'), &labels, running));
+        }
+
+        let options = ListVolumesOptionsBuilder::default()
+            .filters(&labels::only_ours())
+            .build();
+        let volumes = engine.api.list_volumes(Some(options)).await.map_err(failed)?;
+        for found in volumes.volumes.into_iter().flatten() {
+            let labels = Labels::read(Some(found.labels));
+            leftovers.push(self.leftover(VOLUME, &found.name, &labels, false));
+        }
+
+        let options = ListImagesOptionsBuilder::default()
+            .filters(&labels::only_ours())
+            .build();
+        for found in engine.api.list_images(Some(options)).await.map_err(failed)? {
+            let labels = Labels::read(Some(found.labels));
+            let name = found.repo_tags.into_iter().next().unwrap_or(found.id);
+            leftovers.push(self.leftover(IMAGE, &name, &labels, false));
+        }
+        Ok(leftovers)
+    }
+
+    async fn remove(&self, leftover: &Leftover) -> Result<(), ProviderError> {
+        let engine = self.engine().await?;
+        let name = &leftover.resource.name;
+        // The name may have passed to something of another's since it was listed.
+        match leftover.resource.kind.as_str() {
+            CONTAINER => {
+                let found = Self::inspect(engine, name).await?;
+                let labels = found.and_then(|found| found.config).map(|config| config.labels);
+                if labels.is_some_and(|labels| Labels::read(labels).are_ours()) {
+                    environment::remove_container(engine, name).await?;
+                }
+                Ok(())
+            }
+            VOLUME => {
+                let found = if_there("looking for the volume", engine.api.inspect_volume(name).await)?;
+                if found.is_some_and(|found| Labels::read(Some(found.labels)).are_ours()) {
+                    environment::remove_volume(engine, name).await?;
+                }
+                Ok(())
+            }
+            IMAGE => {
+                let found = if_there("looking for the image", engine.api.inspect_image(name).await)?;
+                let labels = found.and_then(|found| found.config).map(|config| config.labels);
+                if labels.is_some_and(|labels| Labels::read(labels).are_ours()) {
+                    remove_image(engine, name).await?;
+                }
+                Ok(())
+            }
+            _ => Ok(()),
+        }
+    }
+}
+
+/// Without force: what a container uses stays, and the engine says so.
+async fn remove_image(engine: &Engine, name: &str) -> Result<(), ProviderError> {
+    let options = RemoveImageOptionsBuilder::default().build();
+    match engine.api.remove_image(name, Some(options), None).await {
+        Err(error) if !is_missing(&error) => Err(translate(&format!("removing the image {name}"), error)),
+        _ => Ok(()),
+    }
+}

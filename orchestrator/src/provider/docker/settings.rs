@@ -2,7 +2,7 @@
 
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
-use workload::quantity::Bytes;
+use workload::quantity::{Bytes, TimeSpan};
 
 /// How containers are made. Without any of it, the image is the workload's own and nothing is limited.
 #[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize, JsonSchema)]
@@ -22,4 +22,9 @@ pub struct DockerSettings {
     /// How much memory a container may use; all of it when left out.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub memory: Option<Bytes>,
+    /// How much of each second the loops may run with real-time priority, such as `900ms`. Needed, and possible, only
+    /// where the kernel divides real-time among groups (RT_GROUP_SCHED, cgroup v1) and the engine was started with
+    /// `--cpu-rt-runtime`. Where the priority is refused, the workload records it and goes on without.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub realtime_runtime: Option<TimeSpan>,
 }

@@ -1,0 +1,149 @@
+//! Builds the static `workload` binary that `matrix` carries and deploys, and hands its path to `include_bytes!`.
+//!
+//! It is a build of its own, in a profile, a target directory and with flags of its own: the outer build may be a debug
+//! build, a `clippy` run or have features on that the deployed binary must not have.
+
+use std::{
+    env,
+    error::Error,
+    ffi::OsString,
+    path::{Path, PathBuf},
+    process::{Command, ExitCode, Output},
+};
+
+/// What the outer cargo sets for its own build and the inner one must not inherit.
+const NOT_INHERITED: [&str; 14] = [
+    "CARGO_BUILD_BUILD_DIR",
+    "CARGO_BUILD_RUSTFLAGS",
+    "CARGO_BUILD_TARGET",
+    "CARGO_BUILD_TARGET_DIR",
+    "CARGO_ENCODED_RUSTFLAGS",
+    "CARGO_TARGET_DIR",
+    "CLIPPY_ARGS",
+    "HOST",
+    "OUT_DIR",
+    "PROFILE",
+    "RUSTC_WORKSPACE_WRAPPER",
+    "RUSTDOC",
+    "RUSTDOCFLAGS",
+    "TARGET",
+];
+
+/// The same, by how the names begin.
+const NOT_INHERITED_PREFIXES: [&str; 5] = [
+    "CARGO_CFG_",
+    "CARGO_FEATURE_",
+    "CARGO_MANIFEST_",
+    "CARGO_PKG_",
+    "DEP_",
+];
+
+fn main() -> ExitCode {
+    match build() {
+        Ok(binary) => {
+            println!("cargo::rustc-env=WORKLOAD_BINARY={}", binary.display());
+            ExitCode::SUCCESS
+        }
+        Err(error) => {
+            for line in error.to_string().lines() {
+                println!("cargo::error={line}");
+            }
+            ExitCode::FAILURE
+        }
+    }
+}
+
+fn build() -> Result<PathBuf, Box<dyn Error>> {
+    let manifest_directory = PathBuf::from(variable("CARGO_MANIFEST_DIR")?);
+    let workspace = manifest_directory
+        .parent()
+        .ok_or("the crate is not in a workspace")?;
+    for path in [
+        "workload/src",
+        "workload/Cargo.toml",
+        "Cargo.toml",
+        "Cargo.lock",
+        "rust-toolchain.toml",
+    ] {
+        let path = workspace.join(path);
+        if path.exists() {
+            println!("cargo::rerun-if-changed={}", path.display());
+        }
+    }
+    println!("cargo::rerun-if-changed=build.rs");
+
+    let target = variable("TARGET")?
+        .into_string()
+        .map_err(|_| "TARGET is not text")?;
+    if !target.contains("linux") {
+        return Err(
+            format!("matrix carries a Linux workload and is built on Linux, not for {target}").into(),
+        );
+    }
+    let target_directory = target_directory(Path::new(&variable("OUT_DIR")?)).join("workload-static");
+    let output = inner_cargo(workspace, &target, &target_directory)?.output()?;
+    if !output.status.success() {
+        return Err(explain(&target, &output).into());
+    }
+    Ok(target_directory.join(&target).join("deploy").join("workload"))
+}
+
+/// The outer build's target directory, so that the inner one is cached beside it: cargo tags it. The inner build needs
+/// a folder of its own, since the outer cargo holds the lock of its.
+fn target_directory(out_directory: &Path) -> PathBuf {
+    out_directory
+        .ancestors()
+        .find(|directory| directory.join("CACHEDIR.TAG").is_file())
+        .unwrap_or(out_directory)
+        .to_owned()
+}
+
+fn inner_cargo(workspace: &Path, target: &str, target_directory: &Path) -> Result<Command, Box<dyn Error>> {
+    let mut cargo = Command::new(variable("CARGO")?);
+    for (name, _) in env::vars_os() {
+        let text = name.to_string_lossy();
+        let per_target_flags = text.starts_with("CARGO_TARGET_") && text.ends_with("_RUSTFLAGS");
+        if per_target_flags
+            || NOT_INHERITED.contains(&&*text)
+            || NOT_INHERITED_PREFIXES
+                .iter()
+                .any(|prefix| text.starts_with(prefix))
+        {
+            cargo.env_remove(&name);
+        }
+    }
+    cargo
+        .current_dir(workspace)
+        .env("RUSTFLAGS", "-C target-feature=+crt-static")
+        .args(["build", "--locked", "--color", "never"])
+        .args(["--package", "workload", "--bin", "workload"])
+        .args(["--profile", "deploy", "--target", target, "--target-dir"])
+        .arg(target_directory);
+    Ok(cargo)
+}
+
+/// What a person has to do when the inner build failed.
+fn explain(target: &str, output: &Output) -> String {
+    let said = String::from_utf8_lossy(&output.stderr);
+    let mut message =
+        format!("the static workload binary for {target} could not be built; the build said:\n{said}");
+    if [
+        "cannot find -lc",
+        "unable to find library -lc",
+        "crt1.o",
+        "libc.a",
+    ]
+    .iter()
+    .any(|sign| said.contains(sign))
+    {
+        message.push_str(
+            "\nhint: linking statically needs the C library's static form and a linker: on Fedora `dnf install \
+             glibc-static gcc`, on Debian and Ubuntu `apt-get install libc6-dev gcc`, on Arch `pacman -S glibc gcc`",
+        );
+    }
+    message
+}
+
+fn variable(name: &str) -> Result<OsString, Box<dyn Error>> {
+    env::var_os(name).ok_or_else(|| format!("{name} is not set: this is run by cargo").into())
+}

@@ -1,0 +1,344 @@
+//! The workload's data folder as it comes out of an environment: which files it may have, and how they are brought
+//! here. The main type is [`DataFile`].
+//!
+//! ```text
+//! environment.json  progress.jsonl
+//! window-N/         control.csv  h1.pcap  sta1.pcap  sta2.pcap  window.json
+//! ```
+//!
+//! Names and sizes from the other side are not trusted: what is not one of these is not brought, nothing but regular
+//! files is, and nothing is written outside the folder that was asked for.
+
+use std::{
+    fs, io,
+    io::{Read, Write as _},
+    os::unix::fs::OpenOptionsExt as _,
+    path::{Component, Path, PathBuf},
+};
+
+use rustix::fs::{Mode, OFlags};
+use workload::virtual_host::VirtualHost;
+
+use super::ProviderError;
+
+/// A file that a data folder may have.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct DataFile {
+    path: PathBuf,
+    longest: u64,
+}
+
+/// Settings, platform and progress are kilobytes.
+const LONGEST_RECORD: u64 = 64 << 20;
+/// A window of 6000 s is some hundred megabytes; a day of the paper's network at full rate stays below this.
+const LONGEST_LOG: u64 = 256 << 30;
+
+impl DataFile {
+    /// The file that `path`, relative to the data folder, is; none if a data folder has no such file.
+    #[must_use]
+    pub fn at(path: &Path) -> Option<Self> {
+        let mut names = path.components().map(|component| match component {
+            Component::Normal(name) => name.to_str(),
+            _ => None,
+        });
+        let longest = match (names.next()??, names.next(), names.next()) {
+            ("environment.json" | "progress.jsonl", None, None) => LONGEST_RECORD,
+            (folder, Some(file), None) if is_window(folder) => longest_of_window(file?)?,
+            _ => return None,
+        };
+        Some(Self {
+            path: path.to_owned(),
+            longest,
+        })
+    }
+
+    /// Writes the file below `into`, which has no file of that name yet.
+    fn write(&self, into: &Path, content: &mut dyn Read) -> Result<(), ProviderError> {
+        let path = into.join(&self.path);
+        if let Some(folder) = path.parent() {
+            fs::create_dir_all(folder).map_err(|source| file_error("create", folder, source))?;
+        }
+        let mut file = fs::OpenOptions::new()
+            .write(true)
+            .create_new(true)
+            .mode(0o644)
+            .open(&path)
+            .map_err(|source| file_error("create", &path, source))?;
+        let copied = io::copy(&mut content.take(self.longest + 1), &mut file)
+            .map_err(|source| file_error("write", &path, source))?;
+        if copied > self.longest {
+            return Err(ProviderError::Data {
+                what: format!("the file {}", self.path.display()),
+                reason: format!("it is longer than {} bytes", self.longest),
+            });
+        }
+        file.flush().map_err(|source| file_error("write", &path, source))
+    }
+}
+
+/// `window-N`, N counting from 1 and written in one way only.
+fn is_window(folder: &str) -> bool {
+    folder.strip_prefix("window-").is_some_and(|number| {
+        number
+            .parse::<u32>()
+            .is_ok_and(|window| window > 0 && window.to_string() == number)
+    })
+}
+
+fn longest_of_window(file: &str) -> Option<u64> {
+    let is_capture = || {
+        file.strip_suffix(".pcap")
+            .is_some_and(|name| VirtualHost::ALL.iter().any(|host| host.name() == name))
+    };
+    match file {
+        "window.json" => Some(LONGEST_RECORD),
+        "control.csv" => Some(LONGEST_LOG),
+        _ if is_capture() => Some(LONGEST_LOG),
+        _ => None,
+    }
+}
+
+/// Copies a data folder that is on this machine.
+///
+/// # Errors
+/// When a file cannot be read or written, or is longer than any workload writes it; what was copied stays.
+pub fn copy(from: &Path, into: &Path) -> Result<(), ProviderError> {
+    for path in files_below(from, Path::new(""))? {
+        if let Some(file) = DataFile::at(&path) {
+            let source = from.join(&path);
+            let mut content = open_no_link(&source).map_err(|error| file_error("read", &source, error))?;
+            file.write(into, &mut content)?;
+        }
+    }
+    Ok(())
+}
+
+/// Not through a symbolic link: the file may have been exchanged since we looked.
+fn open_no_link(path: &Path) -> io::Result<fs::File> {
+    let flags = OFlags::RDONLY | OFlags::NOFOLLOW | OFlags::CLOEXEC;
+    Ok(rustix::fs::open(path, flags, Mode::empty())?.into())
+}
+
+/// Regular files, two levels deep, relative to `root`.
+fn files_below(root: &Path, folder: &Path) -> Result<Vec<PathBuf>, ProviderError> {
+    let here = root.join(folder);
+    let failed = |source| file_error("read", &here, source);
+    let mut files = Vec::new();
+    for entry in fs::read_dir(&here).map_err(failed)? {
+        let entry = entry.map_err(failed)?;
+        let kind = entry.file_type().map_err(failed)?;
+        let path = folder.join(entry.file_name());
+        if kind.is_file() {
+            files.push(path);
+        } else if kind.is_dir() && folder.as_os_str().is_empty() {
+            files.extend(files_below(root, &path)?);
+        }
+    }
+    Ok(files)
+}
+
+/// Unpacks a data folder from a tar stream whose entries begin with `root`, as an engine sends it.
+///
+/// # Errors
+/// When the stream breaks off, a file cannot be written, or one is longer than any workload writes it; what arrived
+/// stays.
+pub fn unpack(stream: impl Read, root: &str, into: &Path) -> Result<(), ProviderError> {
+    let broken = |source: io::Error| ProviderError::Data {
+        what: "the archive with the workload's data".to_owned(),
+        reason: source.to_string(),
+    };
+    let mut archive = tar::Archive::new(stream);
+    for entry in archive.entries().map_err(broken)? {
+        let mut entry = entry.map_err(broken)?;
+        if entry.header().entry_type() != tar::EntryType::Regular {
+            continue;
+        }
+        let path = entry.path().map_err(broken)?.into_owned();
+        if let Some(file) = path.strip_prefix(root).ok().and_then(DataFile::at) {
+            file.write(into, &mut entry)?;
+        }
+    }
+    Ok(())
+}
+
+fn file_error(action: &'static str, path: &Path, source: io::Error) -> ProviderError {
+    ProviderError::File {
+        action,
+        path: path.to_owned(),
+        source,
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use std::os::unix::fs::symlink;
+
+    use super::*;
+
+    #[rstest::rstest]
+    #[case("environment.json", true)]
+    #[case("progress.jsonl", true)]
+    #[case("window-1/control.csv", true)]
+    #[case("window-12/sta2.pcap", true)]
+    #[case("window-4/window.json", true)]
+    #[case("./environment.json", false)]
+    #[case("../environment.json", false)]
+    #[case("/environment.json", false)]
+    #[case("window-1/../../environment.json", false)]
+    #[case("window-0/control.csv", false)]
+    #[case("window-01/control.csv", false)]
+    #[case("window-+1/control.csv", false)]
+    #[case("window-1/h2.pcap", false)]
+    #[case("window-1/.pcap", false)]
+    #[case("window-1/window.json/x", false)]
+    #[case("window-1", false)]
+    #[case("notes.txt", false)]
+    #[case("", false)]
+    fn only_a_workloads_files_are_known(#[case] path: &str, #[case] known: bool) {
+        assert_eq!(DataFile::at(Path::new(path)).is_some(), known);
+    }
+
+    fn entry(archive: &mut tar::Builder<Vec<u8>>, path: &str, kind: tar::EntryType, content: &[u8]) {
+        let mut header = tar::Header::new_gnu();
+        // Not through set_path, which refuses what we want to be sent.
+        let name = &mut header.as_gnu_mut().unwrap().name;
+        name.get_mut(..path.len())
+            .unwrap()
+            .copy_from_slice(path.as_bytes());
+        header.set_entry_type(kind);
+        header.set_size(content.len() as u64);
+        header.set_mode(0o4777);
+        if kind.is_symlink() {
+            header.set_link_name("/etc/passwd").unwrap();
+        }
+        header.set_cksum();
+        archive.append(&header, content).unwrap();
+    }
+
+    /// Every file below `folder`, with its content, in order.
+    fn content(folder: &Path) -> Vec<(String, String)> {
+        let mut files: Vec<_> = files_below(folder, Path::new(""))
+            .unwrap()
+            .into_iter()
+            .map(|path| {
+                let text = fs::read_to_string(folder.join(&path)).unwrap();
+                (path.to_str().unwrap().to_owned(), text)
+            })
+            .collect();
+        files.sort();
+        files
+    }
+
+    #[test]
+    fn an_archive_brings_what_a_workload_writes_and_nothing_else() {
+        use tar::EntryType;
+        let mut archive = tar::Builder::new(Vec::new());
+        entry(&mut archive, "data/", EntryType::Directory, b"");
+        entry(&mut archive, "data/environment.json", EntryType::Regular, b"{}");
+        entry(
+            &mut archive,
+            "data/window-1/control.csv",
+            EntryType::Regular,
+            b"step",
+        );
+        entry(&mut archive, "data/window-1/h1.pcap", EntryType::Symlink, b"");
+        entry(&mut archive, "data/window-1/sta1.pcap", EntryType::Fifo, b"");
+        entry(&mut archive, "data/window-2/notes.txt", EntryType::Regular, b"no");
+        entry(&mut archive, "data/../../evil", EntryType::Regular, b"no");
+        entry(&mut archive, "/data/environment.json", EntryType::Regular, b"no");
+        entry(&mut archive, "other/progress.jsonl", EntryType::Regular, b"no");
+        let outer = tempfile::tempdir().unwrap();
+        let into = outer.path().join("into");
+        fs::create_dir(&into).unwrap();
+        unpack(&*archive.into_inner().unwrap(), "data", &into).unwrap();
+        let expected = [("environment.json", "{}"), ("window-1/control.csv", "step")];
+        assert_eq!(
+            content(&into),
+            expected.map(|(a, b)| (a.to_owned(), b.to_owned()))
+        );
+        assert_eq!(fs::read_dir(outer.path()).unwrap().count(), 1);
+    }
+
+    #[test]
+    fn an_archive_that_breaks_off_is_an_error_and_what_arrived_stays() {
+        let mut archive = tar::Builder::new(Vec::new());
+        entry(
+            &mut archive,
+            "data/environment.json",
+            tar::EntryType::Regular,
+            b"{}",
+        );
+        entry(
+            &mut archive,
+            "data/window-1/control.csv",
+            tar::EntryType::Regular,
+            &[b'x'; 4000],
+        );
+        let bytes = archive.into_inner().unwrap();
+        let into = tempfile::tempdir().unwrap();
+        let error = unpack(bytes.get(..2500).unwrap(), "data", into.path()).unwrap_err();
+        assert!(
+            matches!(error, ProviderError::Data { .. } | ProviderError::File { .. }),
+            "{error}"
+        );
+        assert!(into.path().join("environment.json").exists());
+    }
+
+    #[test]
+    fn a_file_is_never_written_over() {
+        let mut archive = tar::Builder::new(Vec::new());
+        entry(
+            &mut archive,
+            "data/environment.json",
+            tar::EntryType::Regular,
+            b"one",
+        );
+        entry(
+            &mut archive,
+            "data/environment.json",
+            tar::EntryType::Regular,
+            b"two",
+        );
+        let into = tempfile::tempdir().unwrap();
+        assert!(unpack(&*archive.into_inner().unwrap(), "data", into.path()).is_err());
+        assert_eq!(
+            fs::read_to_string(into.path().join("environment.json")).unwrap(),
+            "one"
+        );
+    }
+
+    #[test]
+    fn a_folder_is_copied_without_what_does_not_belong_there() {
+        let from = tempfile::tempdir().unwrap();
+        let path = |name: &str| from.path().join(name);
+        fs::create_dir_all(path("window-1/deeper")).unwrap();
+        fs::write(path("environment.json"), "{}").unwrap();
+        fs::write(path("secret"), "no").unwrap();
+        fs::write(path("window-1/window.json"), "{}").unwrap();
+        symlink(path("secret"), path("window-1/control.csv")).unwrap();
+        symlink(path("window-1"), path("window-2")).unwrap();
+        let into = tempfile::tempdir().unwrap();
+        copy(from.path(), into.path()).unwrap();
+        let expected = [("environment.json", "{}"), ("window-1/window.json", "{}")];
+        assert_eq!(
+            content(into.path()),
+            expected.map(|(a, b)| (a.to_owned(), b.to_owned()))
+        );
+    }
+
+    #[test]
+    fn a_file_that_is_too_long_is_refused() {
+        let into = tempfile::tempdir().unwrap();
+        let file = DataFile {
+            path: "environment.json".into(),
+            longest: 3,
+        };
+        file.write(into.path(), &mut b"abc".as_slice()).unwrap();
+        let file = DataFile {
+            path: "progress.jsonl".into(),
+            longest: 3,
+        };
+        let error = file.write(into.path(), &mut b"abcd".as_slice()).unwrap_err();
+        assert!(matches!(error, ProviderError::Data { .. }), "{error}");
+    }
+}

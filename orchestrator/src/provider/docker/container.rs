@@ -1,0 +1,201 @@
+//! What we ask an engine for: a container with the workload as its main process, and its volume. Pure. The functions
+//! are [`workload`] and [`reader`].
+//!
+//! The workload makes network namespaces, TAP devices and packet captures and wants real-time priority; each of these
+//! needs one capability. It gets those, and no other, and no network of the engine's.
+
+use std::{collections::HashMap, path::Path};
+
+use bollard::models::{
+    ContainerCreateBody, DeviceMapping, HostConfig, HostConfigLogConfig, Mount, MountType,
+    MountVolumeOptions, ResourcesUlimits,
+};
+
+use super::{labels::Labels, settings::DockerSettings};
+use crate::provider::EnvironmentRequest;
+
+/// Where the volume is in the container.
+pub const DATA: &str = "/data";
+
+/// Each with what it is for.
+const CAPABILITIES: [&str; 5] = [
+    "NET_ADMIN", // TAP devices, addresses, neighbours
+    "NET_RAW",   // captures: AF_PACKET
+    "SYS_ADMIN", // unshare(CLONE_NEWNET), setns
+    "SYS_NICE",  // SCHED_FIFO
+    "IPC_LOCK",  // mlockall
+];
+
+/// The container in which the workload runs.
+#[must_use]
+pub fn workload(request: &EnvironmentRequest, settings: &DockerSettings, image: &str) -> ContainerCreateBody {
+    let arguments = request
+        .arguments(Path::new(DATA))
+        .into_iter()
+        .map(|argument| argument.to_string_lossy().into_owned())
+        .collect();
+    let strings = |words: &[&str]| Some(words.iter().map(ToString::to_string).collect());
+    ContainerCreateBody {
+        image: Some(image.to_owned()),
+        entrypoint: strings(&["/workload"]),
+        cmd: Some(arguments),
+        hostname: Some("workload".to_owned()),
+        labels: Some(Labels::of_environment(request).write()),
+        attach_stdout: Some(false),
+        attach_stderr: Some(false),
+        host_config: Some(HostConfig {
+            cap_drop: strings(&["ALL"]),
+            cap_add: strings(&CAPABILITIES),
+            security_opt: strings(&["no-new-privileges:true"]),
+            readonly_rootfs: Some(true),
+            network_mode: Some("none".to_owned()),
+            devices: Some(vec![tun()]),
+            mounts: Some(vec![volume(request)]),
+            ulimits: Some(vec![unlimited("memlock", -1), unlimited("rtprio", 99)]),
+            // Whatever the engine's default is: this one can be followed, and its log is the container's own.
+            log_config: Some(HostConfigLogConfig {
+                typ: Some("json-file".to_owned()),
+                config: Some(HashMap::from([("max-size".to_owned(), "-1".to_owned())])),
+            }),
+            nano_cpus: settings.cpus.map(|cpus| (cpus * 1e9).round() as i64),
+            cpuset_cpus: settings.cpuset.clone(),
+            memory: settings.memory.map(|memory| i64_of(memory.get())),
+            // No swap beyond the limit: a workload that is swapped out is not worth measuring.
+            memory_swap: settings.memory.map(|memory| i64_of(memory.get())),
+            cpu_realtime_period: settings.realtime_runtime.map(|_| 1_000_000),
+            cpu_realtime_runtime: settings
+                .realtime_runtime
+                .map(|runtime| i64_of(runtime.as_nanos() / 1000)),
+            ..HostConfig::default()
+        }),
+        ..ContainerCreateBody::default()
+    }
+}
+
+/// A container that is never started: through it the engine hands out a volume whose container is gone.
+#[must_use]
+pub fn reader(request: &EnvironmentRequest, image: &str) -> ContainerCreateBody {
+    ContainerCreateBody {
+        image: Some(image.to_owned()),
+        labels: Some(Labels::of_environment(request).write()),
+        host_config: Some(HostConfig {
+            network_mode: Some("none".to_owned()),
+            mounts: Some(vec![volume(request)]),
+            ..HostConfig::default()
+        }),
+        ..ContainerCreateBody::default()
+    }
+}
+
+/// The volume, which the engine makes with the container. It outlives it until it is collected.
+fn volume(request: &EnvironmentRequest) -> Mount {
+    Mount {
+        typ: Some(MountType::VOLUME),
+        source: Some(request.environment.clone()),
+        target: Some(DATA.to_owned()),
+        volume_options: Some(MountVolumeOptions {
+            no_copy: Some(true),
+            labels: Some(Labels::of_environment(request).write()),
+            ..MountVolumeOptions::default()
+        }),
+        ..Mount::default()
+    }
+}
+
+fn tun() -> DeviceMapping {
+    let device = || Some("/dev/net/tun".to_owned());
+    DeviceMapping {
+        path_on_host: device(),
+        path_in_container: device(),
+        cgroup_permissions: Some("rw".to_owned()),
+    }
+}
+
+fn unlimited(name: &str, limit: i64) -> ResourcesUlimits {
+    ResourcesUlimits {
+        name: Some(name.to_owned()),
+        soft: Some(limit),
+        hard: Some(limit),
+    }
+}
+
+fn i64_of(number: u64) -> i64 {
+    i64::try_from(number).unwrap_or(i64::MAX)
+}
+
+#[cfg(test)]
+mod tests {
+    use workload::{
+        quantity::{Bytes, TimeSpan},
+        settings::Settings,
+    };
+
+    use super::*;
+
+    fn request() -> EnvironmentRequest {
+        EnvironmentRequest {
+            environment: "matrix-r1-a-1".to_owned(),
+            run: "r1".to_owned(),
+            run_directory: "/runs/r1".into(),
+            scenario: "a".to_owned(),
+            host: "here".to_owned(),
+            settings: Settings::default(),
+            windows: vec![1, 2],
+        }
+    }
+
+    #[test]
+    fn a_container_has_no_rights_beyond_those_that_are_listed() {
+        let host = workload(&request(), &DockerSettings::default(), "i")
+            .host_config
+            .unwrap();
+        assert_eq!(host.cap_drop.unwrap(), ["ALL"]);
+        assert_eq!(host.cap_add.unwrap(), CAPABILITIES);
+        assert_eq!(host.privileged, None);
+        assert_eq!(host.network_mode.unwrap(), "none");
+        assert_eq!(host.binds, None);
+        assert_eq!(
+            (host.memory, host.nano_cpus, host.cpuset_cpus),
+            (None, None, None)
+        );
+    }
+
+    #[test]
+    fn limits_reach_the_engine_in_its_own_units() {
+        let settings = DockerSettings {
+            cpus: Some(1.5),
+            cpuset: Some("0-1".to_owned()),
+            memory: Some(Bytes::new(512 << 20)),
+            realtime_runtime: Some(TimeSpan::from_millis(900)),
+            ..DockerSettings::default()
+        };
+        let host = workload(&request(), &settings, "i").host_config.unwrap();
+        assert_eq!(host.nano_cpus, Some(1_500_000_000));
+        assert_eq!(host.cpuset_cpus.as_deref(), Some("0-1"));
+        assert_eq!(
+            (host.memory, host.memory_swap),
+            (Some(536_870_912), Some(536_870_912))
+        );
+        assert_eq!(host.cpu_realtime_runtime, Some(900_000));
+        assert_eq!(host.cpu_realtime_period, Some(1_000_000));
+    }
+
+    #[test]
+    fn the_workload_is_the_main_process_with_its_data_on_the_volume() {
+        let body = workload(&request(), &DockerSettings::default(), "i");
+        let arguments = body.cmd.unwrap();
+        assert_eq!(arguments.first().unwrap(), "run");
+        for pair in [
+            ["--environment", "matrix-r1-a-1"],
+            ["--data", DATA],
+            ["--windows", "1,2"],
+        ] {
+            assert!(arguments.windows(2).any(|have| have == pair), "{arguments:?}");
+        }
+        let mount = body.host_config.unwrap().mounts.unwrap().remove(0);
+        assert_eq!(
+            (mount.source.unwrap().as_str(), mount.target.unwrap().as_str()),
+            ("matrix-r1-a-1", DATA)
+        );
+    }
+}

@@ -1,0 +1,252 @@
+//! A live container with its volume. The main type is [`DockerEnvironment`].
+
+use std::{collections::VecDeque, path::Path};
+
+use async_trait::async_trait;
+use bollard::{
+    models::{ContainerState, ContainerStateStatusEnum},
+    query_parameters::{
+        KillContainerOptionsBuilder, LogsOptionsBuilder, RemoveContainerOptionsBuilder,
+        RemoveVolumeOptionsBuilder,
+    },
+};
+use futures_util::TryStreamExt as _;
+use serde_json::{Map, Value};
+use workload::record::progress::Progress;
+
+use super::{
+    archive,
+    engine::{Engine, if_there, is_missing, translate},
+    follow::{Follower, until_ended},
+};
+use crate::provider::{Ended, Environment, ProviderError};
+
+/// A container, or what is left of it.
+#[derive(Debug)]
+pub struct DockerEnvironment {
+    engine: Engine,
+    /// Its name, which is its volume's and its container's.
+    name: String,
+    facts: Map<String, Value>,
+    remains: Remains,
+}
+
+/// What there is of an environment.
+#[derive(Debug)]
+pub enum Remains {
+    /// The container in which the workload runs, or has run.
+    Container {
+        /// Whether the workload ran when the environment was created or found.
+        running: bool,
+        /// What it says.
+        lines: Follower,
+    },
+    /// Somebody removed the container; the volume is there, and a container of that name through which it is read.
+    Volume {
+        /// The container.
+        reader: String,
+        /// What the workload's own record says, as far as it was not taken yet.
+        lines: VecDeque<Progress>,
+        /// The last of them.
+        last: Option<Progress>,
+    },
+}
+
+impl DockerEnvironment {
+    /// Of what there is.
+    pub const fn new(engine: Engine, name: String, facts: Map<String, Value>, remains: Remains) -> Self {
+        Self {
+            engine,
+            name,
+            facts,
+            remains,
+        }
+    }
+
+    async fn state(&self) -> Result<ContainerState, ProviderError> {
+        let found = if_there(
+            "asking how the workload ended",
+            self.engine.api.inspect_container(&self.name, None).await,
+        )?;
+        found
+            .and_then(|container| container.state)
+            .ok_or_else(|| ProviderError::NotFound {
+                what: format!("the container {}", self.name),
+            })
+    }
+
+    /// The end of what the workload wrote to its standard error.
+    async fn last_words(&self) -> Result<String, ProviderError> {
+        let options = LogsOptionsBuilder::default().stderr(true).tail("20").build();
+        let words: Vec<_> = self
+            .engine
+            .api
+            .logs(&self.name, Some(options))
+            .try_collect()
+            .await
+            .map_err(|error| translate("reading the workload's last words", error))?;
+        Ok(words.iter().map(ToString::to_string).collect())
+    }
+}
+
+/// How a container's main process ended, as the engine saw it.
+fn judge(state: &ContainerState) -> Ended {
+    if state.status == Some(ContainerStateStatusEnum::CREATED) {
+        let why = state.error.as_deref().unwrap_or_default();
+        return Ended {
+            success: false,
+            how: format!("its container was never started {why}")
+                .trim_end()
+                .to_owned(),
+        };
+    }
+    let ended = Ended::by_exit_code(state.exit_code.unwrap_or(-1));
+    if state.oom_killed == Some(true) {
+        return Ended {
+            success: false,
+            how: "killed by the kernel since the container had used up its memory".to_owned(),
+        };
+    }
+    ended
+}
+
+#[async_trait]
+impl Environment for DockerEnvironment {
+    fn facts(&self) -> Map<String, Value> {
+        self.facts.clone()
+    }
+
+    fn running(&self) -> bool {
+        matches!(self.remains, Remains::Container { running: true, .. })
+    }
+
+    async fn next_progress(&mut self) -> Result<Option<Progress>, ProviderError> {
+        match &mut self.remains {
+            Remains::Container { lines, .. } => lines.next().await,
+            Remains::Volume { lines, last, .. } => {
+                let next = lines.pop_front();
+                if next.is_some() {
+                    last.clone_from(&next);
+                }
+                Ok(next)
+            }
+        }
+    }
+
+    async fn stop(&mut self) -> Result<(), ProviderError> {
+        if matches!(self.remains, Remains::Volume { .. }) {
+            return Ok(());
+        }
+        let options = KillContainerOptionsBuilder::default().signal("SIGTERM").build();
+        let answer = self.engine.api.kill_container(&self.name, Some(options)).await;
+        match answer {
+            // What has ended, or is gone, needs no asking.
+            Err(bollard::errors::Error::DockerResponseServerError {
+                status_code: 404 | 409,
+                ..
+            })
+            | Ok(()) => Ok(()),
+            Err(error) => Err(translate("asking the workload to end", error)),
+        }
+    }
+
+    async fn ended(&mut self) -> Result<Ended, ProviderError> {
+        while self.next_progress().await?.is_some() {}
+        if let Remains::Volume { last, .. } = &self.remains {
+            return Ok(Ended::by_last_line(last.as_ref()));
+        }
+        until_ended(&self.engine, &self.name).await?;
+        let ended = judge(&self.state().await?);
+        let words = self.last_words().await?;
+        Ok(ended.with_last_words(&words))
+    }
+
+    async fn collect(&mut self, into: &Path) -> Result<(), ProviderError> {
+        let container = match &self.remains {
+            Remains::Container { .. } => &self.name,
+            Remains::Volume { reader, .. } => reader,
+        };
+        archive::collect(&self.engine, container, into).await
+    }
+
+    async fn discard(self: Box<Self>) -> Result<(), ProviderError> {
+        if let Remains::Volume { reader, .. } = &self.remains {
+            remove_container(&self.engine, reader).await?;
+        }
+        remove_container(&self.engine, &self.name).await?;
+        remove_volume(&self.engine, &self.name).await
+    }
+}
+
+/// Removes a container, running or not; it may be gone already. Afterwards it is.
+///
+/// # Errors
+/// When the engine refuses.
+pub async fn remove_container(engine: &Engine, name: &str) -> Result<(), ProviderError> {
+    let action = format!("removing the container {name}");
+    // Its volumes are removed by name, when nothing needs them any more.
+    let options = RemoveContainerOptionsBuilder::default()
+        .force(true)
+        .v(false)
+        .build();
+    match engine.api.remove_container(name, Some(options)).await {
+        Err(error) if !is_missing(&error) => return Err(translate(&action, error)),
+        _ => {}
+    }
+    gone(&action, engine.api.inspect_container(name, None).await)
+}
+
+/// Removes a volume; it may be gone already. Afterwards it is.
+///
+/// # Errors
+/// When the engine refuses, for instance since a container has it.
+pub async fn remove_volume(engine: &Engine, name: &str) -> Result<(), ProviderError> {
+    let action = format!("removing the volume {name}");
+    let options = RemoveVolumeOptionsBuilder::default().build();
+    match engine.api.remove_volume(name, Some(options)).await {
+        Err(error) if !is_missing(&error) => return Err(translate(&action, error)),
+        _ => {}
+    }
+    gone(&action, engine.api.inspect_volume(name).await)
+}
+
+/// The engine's yes is not enough.
+fn gone<T>(action: &str, answer: Result<T, bollard::errors::Error>) -> Result<(), ProviderError> {
+    match if_there(action, answer)? {
+        None => Ok(()),
+        Some(_) => Err(ProviderError::TimedOut {
+            action: action.to_owned(),
+            after: std::time::Duration::ZERO,
+        }),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn state(status: ContainerStateStatusEnum, exit_code: i64, oom_killed: bool) -> ContainerState {
+        ContainerState {
+            status: Some(status),
+            exit_code: Some(exit_code),
+            oom_killed: Some(oom_killed),
+            ..ContainerState::default()
+        }
+    }
+
+    #[rstest::rstest]
+    #[case::done(state(ContainerStateStatusEnum::EXITED, 0, false), true, "exit code 0")]
+    #[case::killed(state(ContainerStateStatusEnum::EXITED, 137, false), false, "signal 9")]
+    #[case::memory(state(ContainerStateStatusEnum::EXITED, 137, true), false, "memory")]
+    #[case::never(state(ContainerStateStatusEnum::CREATED, 0, false), false, "never started")]
+    #[case::unknown(ContainerState::default(), false, "exit code -1")]
+    fn the_engines_words_become_ours(
+        #[case] state: ContainerState,
+        #[case] success: bool,
+        #[case] how: &str,
+    ) {
+        let ended = judge(&state);
+        assert_eq!(ended.success, success);
+        assert!(ended.how.contains(how), "{}", ended.how);
+    }
+}

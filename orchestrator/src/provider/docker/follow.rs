@@ -1,0 +1,125 @@
+//! Following what a container's main process says, from its first line, in a task of its own. The main type is
+//! [`Follower`].
+
+use std::{pin::pin, time::Duration};
+
+use bollard::{
+    errors::Error,
+    query_parameters::{LogsOptionsBuilder, WaitContainerOptionsBuilder},
+};
+use futures_util::{StreamExt as _, TryStreamExt as _};
+use tokio::{sync::mpsc, task::JoinHandle};
+use workload::record::progress::Progress;
+
+use super::engine::{Engine, translate};
+use crate::provider::{ProviderError, lines::Lines};
+
+/// Lines that wait to be taken; beyond that the engine waits, which keeps them in the container's log.
+const WAITING_LINES: usize = 64;
+/// Between the end of a container's log and the engine's knowing that it has ended.
+const PATIENCE: Duration = Duration::from_secs(10);
+const ACTION: &str = "following the workload's lines";
+
+/// The lines of one container.
+#[derive(Debug)]
+pub struct Follower {
+    lines: mpsc::Receiver<Result<Progress, ProviderError>>,
+    task: JoinHandle<()>,
+    broken: bool,
+}
+
+impl Follower {
+    /// Begins to follow.
+    pub fn of(engine: Engine, container: String) -> Self {
+        let (sender, lines) = mpsc::channel(WAITING_LINES);
+        let task = tokio::spawn(async move {
+            let said = tell(&engine, &container, &sender).await;
+            if let Err(error) = said {
+                // Nobody is there to be told if this fails.
+                let _ = sender.send(Err(error)).await;
+            }
+        });
+        Self {
+            lines,
+            task,
+            broken: false,
+        }
+    }
+
+    /// The next line; none when the container has ended and all its lines were taken. Cancel-safe.
+    ///
+    /// # Errors
+    /// When the engine stops answering: from then on there are no more lines, though the container may go on.
+    pub async fn next(&mut self) -> Result<Option<Progress>, ProviderError> {
+        if self.broken {
+            return Err(translate(
+                ACTION,
+                std::io::Error::from(std::io::ErrorKind::NotConnected).into(),
+            ));
+        }
+        let next = self.lines.recv().await.transpose();
+        self.broken = next.is_err();
+        next
+    }
+}
+
+impl Drop for Follower {
+    fn drop(&mut self) {
+        self.task.abort();
+    }
+}
+
+/// Sends every line; returns when the container has ended.
+async fn tell(
+    engine: &Engine,
+    container: &str,
+    sender: &mpsc::Sender<Result<Progress, ProviderError>>,
+) -> Result<(), ProviderError> {
+    let options = LogsOptionsBuilder::default()
+        .follow(true)
+        .stdout(true)
+        .tail("all")
+        .build();
+    let mut pieces = pin!(engine.api.logs(container, Some(options)));
+    let mut lines = Lines::default();
+    while let Some(piece) = pieces
+        .try_next()
+        .await
+        .map_err(|error| translate(ACTION, error))?
+    {
+        lines.push(&piece.into_bytes());
+        while let Some(line) = lines.next_line()? {
+            if sender.send(Ok(line)).await.is_err() {
+                return Ok(());
+            }
+        }
+    }
+    // The log also ends when the engine does: only the container's own end is the end of its lines.
+    match tokio::time::timeout(PATIENCE, until_ended(engine, container)).await {
+        Ok(ended) => ended,
+        Err(_) => Err(translate(
+            ACTION,
+            std::io::Error::from(std::io::ErrorKind::UnexpectedEof).into(),
+        )),
+    }
+}
+
+/// Waits until a container does not run, or not any more.
+///
+/// # Errors
+/// When the engine stops answering.
+pub async fn until_ended(engine: &Engine, container: &str) -> Result<(), ProviderError> {
+    let options = WaitContainerOptionsBuilder::default()
+        .condition("not-running")
+        .build();
+    let mut answers = pin!(engine.api.wait_container(container, Some(options)));
+    match answers.next().await {
+        // bollard makes an error of an exit code that is not 0.
+        Some(Ok(_) | Err(Error::DockerContainerWaitError { .. })) => Ok(()),
+        Some(Err(error)) => Err(translate("waiting for the container's end", error)),
+        None => Err(translate(
+            "waiting for the container's end",
+            std::io::Error::from(std::io::ErrorKind::UnexpectedEof).into(),
+        )),
+    }
+}

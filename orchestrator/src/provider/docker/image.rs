@@ -1,0 +1,163 @@
+//! The image that containers are made of: the workload alone, or on top of an image that the user names. Built by the
+//! engine from `dockerfiles/workload.Dockerfile` and the binary that `matrix` carries. The function is [`ensure`].
+
+use std::{collections::HashMap, io};
+
+use bollard::{body_full, query_parameters::BuildImageOptionsBuilder};
+use futures_util::TryStreamExt as _;
+
+use super::{
+    engine::{Engine, if_there, translate},
+    labels::Labels,
+};
+use crate::{provider::ProviderError, workload_binary};
+
+const DOCKERFILE: &str = include_str!("../../../../dockerfiles/workload.Dockerfile");
+const REPOSITORY: &str = "matrix-workload";
+
+/// An image on the engine that has our workload in it.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct Image {
+    /// Its name with its tag.
+    pub name: String,
+    /// Its digest, `sha256:…`.
+    pub id: String,
+    /// What it was built upon: a name and a digest, if not on nothing.
+    pub base: Option<(String, String)>,
+}
+
+/// The image for containers upon `base`, built if the engine does not have it.
+///
+/// # Errors
+/// When the engine does not have the base, or does not build the image.
+pub async fn ensure(engine: &Engine, base: Option<&str>) -> Result<Image, ProviderError> {
+    let base = match base {
+        Some(name) => Some((name.to_owned(), base_id(engine, name).await?)),
+        None => None,
+    };
+    let name = name(base.as_ref().map(|(_, id)| id.as_str()));
+    if let Some(id) = existing(engine, &name).await? {
+        return Ok(Image { name, id, base });
+    }
+    build(engine, &name, base.as_ref().map(|(name, _)| name.as_str())).await?;
+    match existing(engine, &name).await? {
+        Some(id) => Ok(Image { name, id, base }),
+        None => Err(ProviderError::NotFound {
+            what: format!("the image {name}, just built,"),
+        }),
+    }
+}
+
+/// Why the engine cannot make the image, if it lacks the base.
+///
+/// # Errors
+/// The same as [`ensure`].
+pub async fn base_id(engine: &Engine, base: &str) -> Result<String, ProviderError> {
+    let action = format!("looking for the image {base}");
+    let found = if_there(&action, engine.api.inspect_image(base).await)?;
+    found
+        .and_then(|image| image.id)
+        .ok_or_else(|| ProviderError::Unsupported {
+            provider: "docker".to_owned(),
+            reason: format!("the engine does not have the image `{base}` that providers.docker.image names"),
+            hint: Some(format!(
+                "fetch or build it first, for instance with `docker pull {base}`: matrix itself pulls nothing"
+            )),
+        })
+}
+
+/// Its tag says which workload and which base, so that a change of either makes another image.
+fn name(base_id: Option<&str>) -> String {
+    let short = |hash: &str| hash.chars().take(12).collect::<String>();
+    let workload = short(workload_binary::sha256());
+    match base_id {
+        None => format!("{REPOSITORY}:{workload}"),
+        Some(id) => format!(
+            "{REPOSITORY}:{workload}-on-{}",
+            short(id.strip_prefix("sha256:").unwrap_or(id))
+        ),
+    }
+}
+
+/// The digest of the image of that name, if it is what the name says.
+async fn existing(engine: &Engine, name: &str) -> Result<Option<String>, ProviderError> {
+    let action = format!("looking for the image {name}");
+    let found = if_there(&action, engine.api.inspect_image(name).await)?;
+    Ok(found.and_then(|image| {
+        let labels = Labels::read(image.config.and_then(|config| config.labels));
+        image
+            .id
+            .filter(|_| labels.name_workload(workload_binary::sha256()))
+    }))
+}
+
+async fn build(engine: &Engine, name: &str, base: Option<&str>) -> Result<(), ProviderError> {
+    let action = format!("building the image {name}");
+    let context = context().map_err(|source| ProviderError::Refused {
+        platform: "this machine".to_owned(),
+        action: action.clone(),
+        hint: None,
+        source: source.into(),
+    })?;
+    let options = BuildImageOptionsBuilder::default()
+        .dockerfile("Dockerfile")
+        .t(name)
+        .rm(true)
+        .forcerm(true)
+        .networkmode("none")
+        .labels(&Labels::of_image(workload_binary::sha256()).write())
+        .buildargs(&HashMap::from([("BASE", base.unwrap_or("scratch"))]))
+        .build();
+    engine
+        .api
+        .build_image(options, None, Some(body_full(context.into())))
+        .try_for_each(|_| async { Ok(()) })
+        .await
+        .map_err(|error| translate(&action, error))
+}
+
+/// What the engine builds from, as a tar archive. Without times, so that the engine's cache knows it again.
+fn context() -> io::Result<Vec<u8>> {
+    let mut archive = tar::Builder::new(Vec::new());
+    for (path, mode, content) in [
+        ("Dockerfile", 0o644, DOCKERFILE.as_bytes()),
+        ("workload", 0o755, workload_binary::bytes()),
+    ] {
+        let mut header = tar::Header::new_gnu();
+        header.set_size(content.len() as u64);
+        header.set_mode(mode);
+        archive.append_data(&mut header, path, content)?;
+    }
+    archive.into_inner()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_tag_tells_workload_and_base() {
+        let alone = name(None);
+        assert_eq!(alone.len(), REPOSITORY.len() + 1 + 12);
+        let upon = name(Some("sha256:0123456789abcdef"));
+        assert_eq!(upon, format!("{alone}-on-0123456789ab"));
+    }
+
+    #[test]
+    fn the_context_has_the_dockerfile_and_a_binary_that_can_be_run() {
+        let context = context().unwrap();
+        let mut archive = tar::Archive::new(context.as_slice());
+        let entries: Vec<_> = archive
+            .entries()
+            .unwrap()
+            .map(|entry| {
+                let entry = entry.unwrap();
+                (entry.path().unwrap().into_owned(), entry.header().mode().unwrap())
+            })
+            .collect();
+        assert_eq!(
+            entries,
+            [("Dockerfile".into(), 0o644), ("workload".into(), 0o755)]
+        );
+    }
+}

@@ -1,0 +1,172 @@
+//! The folder of an environment that has no platform to keep its things: of native and fake ones. The main type is
+//! [`EnvironmentDirectory`].
+//!
+//! ```text
+//! environments/<name>/
+//!   owner.json    what it belongs to: Owner
+//!   lines.jsonl   the workload's standard output
+//!   errors.txt    its standard error
+//!   data/         its data folder
+//! ```
+
+use std::{
+    fs, io,
+    path::{Path, PathBuf},
+};
+
+use serde::{Deserialize, Serialize};
+
+use super::{EnvironmentRequest, ProviderError};
+use crate::state_directory::StateDirectory;
+
+/// What an environment belongs to: written before anything else happens in its folder.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
+pub struct Owner {
+    /// The provider that made it.
+    pub provider: String,
+    /// The run's name.
+    pub run: String,
+    /// The run directory.
+    pub run_directory: PathBuf,
+    /// The scenario's slug.
+    pub scenario: String,
+    /// The host's name in the matrix file.
+    pub host: String,
+    /// The windows it is to measure.
+    pub windows: Vec<u32>,
+}
+
+impl Owner {
+    /// Of what a provider was asked for.
+    #[must_use]
+    pub fn new(provider: &str, request: &EnvironmentRequest) -> Self {
+        Self {
+            provider: provider.to_owned(),
+            run: request.run.clone(),
+            run_directory: request.run_directory.clone(),
+            scenario: request.scenario.clone(),
+            host: request.host.clone(),
+            windows: request.windows.clone(),
+        }
+    }
+}
+
+/// The folder.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct EnvironmentDirectory(PathBuf);
+
+impl EnvironmentDirectory {
+    /// The folder that an environment of this name has or would have.
+    #[must_use]
+    pub fn of(state: &StateDirectory, environment: &str) -> Self {
+        Self(state.environments().join(environment))
+    }
+
+    /// Every environment's folder and its owner; the owner is none where a crash came before it was written.
+    ///
+    /// # Errors
+    /// When the state directory is there but cannot be read.
+    pub fn all(state: &StateDirectory) -> Result<Vec<(Self, Option<Owner>)>, ProviderError> {
+        let root = state.environments();
+        let failed = |source| ProviderError::File {
+            action: "read",
+            path: root.clone(),
+            source,
+        };
+        let entries = match fs::read_dir(&root) {
+            Err(error) if error.kind() == io::ErrorKind::NotFound => return Ok(Vec::new()),
+            entries => entries.map_err(failed)?,
+        };
+        let mut all = Vec::new();
+        for entry in entries {
+            let entry = entry.map_err(failed)?;
+            if entry.file_type().map_err(failed)?.is_dir() {
+                let directory = Self(entry.path());
+                let owner = directory.owner();
+                all.push((directory, owner));
+            }
+        }
+        all.sort_by(|(a, _), (b, _)| a.0.cmp(&b.0));
+        Ok(all)
+    }
+
+    /// Makes the folder, with its owner in it.
+    ///
+    /// # Errors
+    /// When there is one of that name already, or it cannot be made.
+    pub fn create(&self, owner: &Owner) -> Result<(), ProviderError> {
+        if let Some(parent) = self.0.parent() {
+            fs::create_dir_all(parent).map_err(self.failed("create", parent))?;
+        }
+        // Made beside its place and moved there, so that a folder without its owner is never seen by others.
+        let unfinished = self
+            .0
+            .with_file_name(format!("{}.unfinished", self.environment()));
+        fs::create_dir(&unfinished).map_err(self.failed("create", &unfinished))?;
+        let path = unfinished.join("owner.json");
+        let text = serde_json::to_vec_pretty(owner).map_err(io::Error::from);
+        text.and_then(|text| fs::write(&path, text))
+            .map_err(self.failed("write", &path))?;
+        let data = unfinished.join("data");
+        fs::create_dir(&data).map_err(self.failed("create", &data))?;
+        fs::rename(&unfinished, &self.0).map_err(self.failed("create", &self.0))
+    }
+
+    /// The folder itself.
+    #[must_use]
+    pub fn path(&self) -> &Path {
+        &self.0
+    }
+
+    /// The environment's name.
+    #[must_use]
+    pub fn environment(&self) -> String {
+        self.0
+            .file_name()
+            .map(|name| name.to_string_lossy().into_owned())
+            .unwrap_or_default()
+    }
+
+    /// What it belongs to, if that is known.
+    #[must_use]
+    pub fn owner(&self) -> Option<Owner> {
+        let text = fs::read(self.0.join("owner.json")).ok()?;
+        serde_json::from_slice(&text).ok()
+    }
+
+    /// Where the workload's lines are.
+    #[must_use]
+    pub fn lines(&self) -> PathBuf {
+        self.0.join("lines.jsonl")
+    }
+
+    /// Where its last words are.
+    #[must_use]
+    pub fn errors(&self) -> PathBuf {
+        self.0.join("errors.txt")
+    }
+
+    /// Where its data is.
+    #[must_use]
+    pub fn data(&self) -> PathBuf {
+        self.0.join("data")
+    }
+
+    /// Removes the folder with all that is in it; it may be gone already.
+    ///
+    /// # Errors
+    /// When it cannot be removed.
+    pub fn remove(&self) -> Result<(), ProviderError> {
+        match fs::remove_dir_all(&self.0) {
+            Err(error) if error.kind() != io::ErrorKind::NotFound => {
+                Err(self.failed("remove", &self.0)(error))
+            }
+            _ => Ok(()),
+        }
+    }
+
+    fn failed(&self, action: &'static str, path: &Path) -> impl FnOnce(io::Error) -> ProviderError + use<> {
+        let path = path.to_owned();
+        move |source| ProviderError::File { action, path, source }
+    }
+}

@@ -1,0 +1,176 @@
+//! The `native` provider: the workload as a process of this machine, with no platform between. The main type is
+//! [`Native`].
+//!
+//! The process has a session of its own and writes to files, so that it goes on when `matrix` ends; its environment is a
+//! folder below the state directory ([`EnvironmentDirectory`]).
+
+mod detached;
+mod environment;
+mod follow;
+mod process;
+mod readiness;
+
+use std::{fs::File, process::Command, process::Stdio};
+
+use async_trait::async_trait;
+use reports::run_directory::Resource;
+
+use self::{environment::NativeEnvironment, process::WorkloadProcess};
+use super::{
+    Availability, Environment, EnvironmentRequest, Leftover, Provider, ProviderError,
+    environment_directory::{EnvironmentDirectory, Owner},
+};
+use crate::{state_directory::StateDirectory, workload_binary};
+
+const NAME: &str = "native";
+
+/// This machine as it is.
+#[derive(Debug, Clone)]
+pub struct Native {
+    host: String,
+    state: StateDirectory,
+}
+
+impl Native {
+    /// On the host of that name in the matrix file, with its environments in this state directory.
+    #[must_use]
+    pub fn new(host: &str, state: StateDirectory) -> Self {
+        Self {
+            host: host.to_owned(),
+            state,
+        }
+    }
+
+    fn start(
+        &self,
+        request: &EnvironmentRequest,
+        directory: &EnvironmentDirectory,
+    ) -> Result<WorkloadProcess, ProviderError> {
+        let binary = workload_binary::installed(&self.state).map_err(|error| ProviderError::File {
+            action: "write",
+            path: error.path,
+            source: error.source,
+        })?;
+        let create = |path| {
+            File::create_new(&path).map_err(|source| ProviderError::File {
+                action: "create",
+                path,
+                source,
+            })
+        };
+        let mut command = Command::new(binary);
+        command
+            .args(request.arguments(&directory.data()))
+            // Nothing of the surroundings in which `matrix` happened to be started may reach the experiment.
+            .env_clear()
+            .current_dir("/")
+            .stdin(Stdio::null())
+            .stdout(create(directory.lines())?)
+            .stderr(create(directory.errors())?);
+        detached::spawn(&mut command)
+            .and_then(WorkloadProcess::started)
+            .map_err(|error| refused("starting the workload", error))
+    }
+
+    fn leftover(&self, directory: &EnvironmentDirectory, owner: Option<Owner>, running: bool) -> Leftover {
+        let (run, run_directory, scenario) = match owner {
+            Some(owner) => (Some(owner.run), Some(owner.run_directory), Some(owner.scenario)),
+            None => (None, None, None),
+        };
+        Leftover {
+            resource: directory_resource(&self.host, directory),
+            run,
+            run_directory,
+            scenario,
+            running,
+        }
+    }
+}
+
+/// The folder as the journal and `matrix clean` name it. Removing it ends the process that writes to it.
+fn directory_resource(host: &str, directory: &EnvironmentDirectory) -> Resource {
+    Resource {
+        host: host.to_owned(),
+        kind: "directory".to_owned(),
+        name: directory.path().display().to_string(),
+    }
+}
+
+fn refused(action: &str, source: std::io::Error) -> ProviderError {
+    ProviderError::Refused {
+        platform: "this machine".to_owned(),
+        action: action.to_owned(),
+        hint: None,
+        source: source.into(),
+    }
+}
+
+#[async_trait]
+impl Provider for Native {
+    fn name(&self) -> &'static str {
+        NAME
+    }
+
+    async fn survey(&self) -> Availability {
+        Availability::Available {
+            detail: format!("Linux {}", rustix::system::uname().release().to_string_lossy()),
+        }
+    }
+
+    fn resources(&self, request: &EnvironmentRequest) -> Vec<Resource> {
+        let directory = EnvironmentDirectory::of(&self.state, &request.environment);
+        let process = Resource {
+            host: self.host.clone(),
+            kind: "process".to_owned(),
+            name: request.environment.clone(),
+        };
+        vec![directory_resource(&self.host, &directory), process]
+    }
+
+    async fn create(&self, request: &EnvironmentRequest) -> Result<Box<dyn Environment>, ProviderError> {
+        let directory = EnvironmentDirectory::of(&self.state, &request.environment);
+        directory.create(&Owner::new(NAME, request))?;
+        let process = self.start(request, &directory)?;
+        Ok(Box::new(NativeEnvironment::new(directory, Some(process))?))
+    }
+
+    async fn find(
+        &self,
+        request: &EnvironmentRequest,
+    ) -> Result<Option<Box<dyn Environment>>, ProviderError> {
+        let directory = EnvironmentDirectory::of(&self.state, &request.environment);
+        // Without its lines the process was never started.
+        if !directory.lines().exists() {
+            return Ok(None);
+        }
+        let process = find_process(&directory)?;
+        Ok(Some(Box::new(NativeEnvironment::new(directory, process)?)))
+    }
+
+    async fn leftovers(&self) -> Result<Vec<Leftover>, ProviderError> {
+        EnvironmentDirectory::all(&self.state)?
+            .into_iter()
+            // A folder whose owner was never written belongs to nobody else.
+            .filter(|(_, owner)| owner.as_ref().is_none_or(|owner| owner.provider == NAME))
+            .map(|(directory, owner)| {
+                let running = find_process(&directory)?.is_some();
+                Ok(self.leftover(&directory, owner, running))
+            })
+            .collect()
+    }
+
+    async fn remove(&self, leftover: &Leftover) -> Result<(), ProviderError> {
+        let directories = EnvironmentDirectory::all(&self.state)?;
+        match directories.into_iter().find(|(directory, _)| {
+            directory_resource(&leftover.resource.host, directory) == leftover.resource
+        }) {
+            Some((directory, _)) => environment::remove(&directory, find_process(&directory)?).await,
+            None => Ok(()),
+        }
+    }
+}
+
+fn find_process(directory: &EnvironmentDirectory) -> Result<Option<WorkloadProcess>, ProviderError> {
+    WorkloadProcess::find(&directory.environment(), &directory.data())
+        .map_err(|error| refused("looking for the workload's process", error))
+}

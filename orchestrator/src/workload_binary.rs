@@ -1,0 +1,147 @@
+//! The static `workload` binary that this `matrix` carries and deploys into every environment. `build.rs` builds it, so
+//! that one program is all a user has to install and both parts always speak the same format.
+
+use std::{
+    fmt::Write as _,
+    fs, io,
+    io::Write as _,
+    os::unix::fs::OpenOptionsExt as _,
+    path::{Path, PathBuf},
+    process,
+    sync::OnceLock,
+};
+
+use sha2::{Digest as _, Sha256};
+
+use crate::state_directory::StateDirectory;
+
+/// The machine it runs on, as `uname -m` says it.
+pub const MACHINE: &str = if cfg!(target_arch = "x86") {
+    "i686"
+} else {
+    std::env::consts::ARCH
+};
+
+/// The binary itself.
+#[must_use]
+pub fn bytes() -> &'static [u8] {
+    include_bytes!(env!("WORKLOAD_BINARY"))
+}
+
+/// Its SHA-256, in hexadecimal.
+#[must_use]
+pub fn sha256() -> &'static str {
+    static SHA256: OnceLock<String> = OnceLock::new();
+    SHA256.get_or_init(|| hexadecimal(bytes()))
+}
+
+/// The file on this machine to start, written if it is not there yet. Its name has its hash, so that a newer `matrix`
+/// never touches the binary that an older one's environments run from.
+///
+/// # Errors
+/// When the state directory cannot be written; names the path that could not.
+pub fn installed(state: &StateDirectory) -> Result<PathBuf, InstallError> {
+    let directory = state.binaries();
+    let path = directory.join(format!("workload-{}", sha256().get(..16).unwrap_or_default()));
+    // The content is compared as well: a disk that was full, or a person, may have changed what has our name.
+    if fs::read(&path).is_ok_and(|there| there == bytes()) {
+        return Ok(path);
+    }
+    let failed = |path: &Path| {
+        let path = path.to_owned();
+        move |source| InstallError { path, source }
+    };
+    fs::create_dir_all(&directory).map_err(failed(&directory))?;
+    let temporary = directory.join(format!(".workload.{}", process::id()));
+    write_executable(&temporary).map_err(failed(&temporary))?;
+    fs::rename(&temporary, &path).map_err(failed(&path))?;
+    Ok(path)
+}
+
+/// The deployed binary could not be put on this machine.
+#[derive(Debug, thiserror::Error)]
+#[error("cannot write the workload to {}", .path.display())]
+pub struct InstallError {
+    /// Where it was to be.
+    pub path: PathBuf,
+    /// The cause.
+    pub source: io::Error,
+}
+
+fn write_executable(path: &Path) -> io::Result<()> {
+    match fs::remove_file(path) {
+        Err(error) if error.kind() != io::ErrorKind::NotFound => return Err(error),
+        _ => {}
+    }
+    let mut file = fs::OpenOptions::new()
+        .write(true)
+        .create_new(true)
+        .mode(0o755)
+        .open(path)?;
+    file.write_all(bytes())?;
+    file.sync_all()
+}
+
+fn hexadecimal(content: &[u8]) -> String {
+    Sha256::digest(content)
+        .iter()
+        .fold(String::with_capacity(64), |mut text, byte| {
+            // Writing to a String cannot fail.
+            let _ = write!(text, "{byte:02x}");
+            text
+        })
+}
+
+#[cfg(test)]
+mod tests {
+    use std::os::unix::fs::PermissionsExt as _;
+
+    use super::*;
+
+    #[test]
+    fn the_binary_is_a_small_program() {
+        assert_eq!(bytes().get(..4).unwrap(), b"\x7fELF");
+        assert!(bytes().len() < 6 << 20, "{} bytes", bytes().len());
+    }
+
+    #[test]
+    fn the_binary_is_installed_once_and_can_be_run() {
+        let state = tempfile::tempdir().unwrap();
+        let state = StateDirectory::new(state.path());
+        let path = installed(&state).unwrap();
+        assert_eq!(fs::metadata(&path).unwrap().permissions().mode() & 0o777, 0o755);
+        let written = fs::metadata(&path).unwrap().modified().unwrap();
+        assert_eq!(installed(&state).unwrap(), path);
+        assert_eq!(fs::metadata(&path).unwrap().modified().unwrap(), written);
+        assert_eq!(fs::read_dir(state.binaries()).unwrap().count(), 1);
+    }
+
+    #[test]
+    fn a_binary_that_was_cut_short_is_written_again() {
+        let state = tempfile::tempdir().unwrap();
+        let state = StateDirectory::new(state.path());
+        let path = installed(&state).unwrap();
+        fs::remove_file(&path).unwrap();
+        fs::write(&path, b"half").unwrap();
+        assert_eq!(fs::read(installed(&state).unwrap()).unwrap(), bytes());
+    }
+
+    #[test]
+    fn a_place_that_cannot_be_written_is_named() {
+        let file = tempfile::NamedTempFile::new().unwrap();
+        let error = installed(&StateDirectory::new(file.path())).unwrap_err();
+        assert!(
+            error.to_string().contains(file.path().to_str().unwrap()),
+            "{error}"
+        );
+    }
+
+    #[test]
+    fn the_hash_is_sha_256() {
+        // FIPS 180-2, appendix B.1.
+        assert_eq!(
+            hexadecimal(b"abc"),
+            "ba7816bf8f01cfea414140de5dae2223b00361a396177a9cb410ff61f20015ad"
+        );
+    }
+}
