@@ -8,7 +8,6 @@ mod emulator;
 mod ipv6;
 pub mod link;
 mod namespace;
-mod priority;
 pub mod star;
 pub mod switch;
 mod userspace;

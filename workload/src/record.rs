@@ -3,6 +3,7 @@
 //! `reports` reads these, the workload and the `fake` provider write them. A change of meaning needs a new
 //! [`FORMAT`].
 
+pub mod check;
 pub mod control_log;
 pub mod platform;
 pub mod progress;

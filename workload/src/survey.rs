@@ -1,1 +1,237 @@
-//! (being written)
+//! What the platform is and whether it can run the experiment: reads /proc and /sys, tries what must be granted. The
+//! main functions are [`platform`] and [`check`].
+//!
+//! Sources: proc(5), os-release(5). Whatever cannot be read is `None`, since containers hide much of it.
+
+use std::{error::Error, fs, path::Path, thread};
+
+use nix::{
+    sched::{CpuSet, sched_getaffinity},
+    sys::{mman::munlockall, utsname::uname},
+    unistd::Pid,
+};
+
+use crate::{
+    network, realtime,
+    record::{
+        self,
+        check::{Check, CheckRecord},
+        platform::{PlatformRecord, RealtimeGrant},
+    },
+    settings::Settings,
+};
+
+/// The workload's version.
+pub const VERSION: &str = env!("CARGO_PKG_VERSION");
+
+/// The platform as it is now, with what was granted of the real-time wishes.
+#[must_use]
+pub fn platform(realtime: RealtimeGrant) -> PlatformRecord {
+    let (machine, kernel, kernel_build, hostname) = kernel_names();
+    let cpu_info = read("/proc/cpuinfo").unwrap_or_default();
+    let memory = read("/proc/meminfo").unwrap_or_default();
+    let cpus = cpus_allowed();
+    PlatformRecord {
+        format: record::FORMAT,
+        machine,
+        os: read("/etc/os-release")
+            .map(|text| os_name(&text))
+            .unwrap_or_default(),
+        kernel,
+        kernel_build,
+        kernel_command_line: read("/proc/cmdline"),
+        hostname,
+        cpu_model: field(&cpu_info, "model name").or_else(|| field(&cpu_info, "CPU part")),
+        cpus_allowed: u32::try_from(cpus.len()).unwrap_or(u32::MAX),
+        cpu_governor: cpus.first().and_then(|cpu| {
+            read(format!(
+                "/sys/devices/system/cpu/cpu{cpu}/cpufreq/scaling_governor"
+            ))
+        }),
+        clock_source: read("/sys/devices/system/clocksource/clocksource0/current_clocksource"),
+        clock_resolution_ns: realtime::resolution_ns(),
+        memory_total_bytes: kibibytes(&memory, "MemTotal"),
+        memory_available_bytes: kibibytes(&memory, "MemAvailable"),
+        load_1min: read("/proc/loadavg").and_then(|text| text.split(' ').next()?.parse().ok()),
+        hypervisor: hypervisor(&cpu_info),
+        workload_version: VERSION.to_owned(),
+        realtime,
+    }
+}
+
+/// Whether the experiment can run here with these settings. What is made for the trial is gone afterwards. Call
+/// [`network::become_namespace_root`] first and hand over what it said.
+#[must_use]
+pub fn check(settings: &Settings, namespace_root: Result<(), network::NetworkError>) -> CheckRecord {
+    let network = namespace_root.and_then(|()| network::survey(settings.network.backend));
+    let checks = vec![
+        Check {
+            name: "network".into(),
+            required: true,
+            available: network.is_ok(),
+            reason: network.as_ref().err().map(|error| with_causes(error)),
+            fix: network.as_ref().err().and_then(network::NetworkError::hint),
+        },
+        priority_check(settings),
+        memory_check(settings),
+    ];
+    CheckRecord {
+        format: record::FORMAT,
+        workload_version: VERSION.to_owned(),
+        can_run: checks.iter().all(|check| check.available || !check.required),
+        checks,
+    }
+}
+
+fn priority_check(settings: &Settings) -> Check {
+    // On a thread of its own, whose priority ends with it.
+    let asked = settings.realtime.clone();
+    let refusal = match thread::spawn(move || realtime::enter_realtime(&asked)).join() {
+        Ok(grant) => grant.priority_refusal,
+        Err(_) => Some("the trial's thread ended early".to_owned()),
+    };
+    Check {
+        name: "realtime-priority".into(),
+        required: false,
+        available: refusal.is_none(),
+        fix: refusal.as_ref().map(|_| {
+            format!(
+                "run as root, or allow priority {} with `ulimit -r`; in a container, add the capability SYS_NICE",
+                settings.realtime.priority
+            )
+        }),
+        reason: refusal,
+    }
+}
+
+fn memory_check(settings: &Settings) -> Check {
+    let mut grant = RealtimeGrant::default();
+    realtime::lock_memory(&settings.realtime, &mut grant);
+    if grant.locked {
+        let _ = munlockall();
+    }
+    Check {
+        name: "memory-lock".into(),
+        required: false,
+        available: grant.lock_refusal.is_none(),
+        fix: grant.lock_refusal.as_ref().map(|_| {
+            "run as root, or raise the limit with `ulimit -l`; in a container, add the capability IPC_LOCK".into()
+        }),
+        reason: grant.lock_refusal,
+    }
+}
+
+/// An error and its causes, as one line.
+#[must_use]
+pub fn with_causes(error: &dyn Error) -> String {
+    let causes = std::iter::successors(error.source(), |cause: &&dyn Error| (*cause).source());
+    causes.fold(error.to_string(), |line, cause| format!("{line}: {cause}"))
+}
+
+/// Machine, release, version and node name.
+fn kernel_names() -> (String, String, String, String) {
+    let Ok(names) = uname() else {
+        return Default::default();
+    };
+    let text = |name: &std::ffi::OsStr| name.to_string_lossy().into_owned();
+    (
+        text(names.machine()),
+        text(names.release()),
+        text(names.version()),
+        text(names.nodename()),
+    )
+}
+
+fn cpus_allowed() -> Vec<usize> {
+    let allowed = sched_getaffinity(Pid::from_raw(0)).unwrap_or_default();
+    (0..CpuSet::count())
+        .filter(|cpu| allowed.is_set(*cpu).unwrap_or(false))
+        .collect()
+}
+
+/// A short file's text without surrounding white space; none if it is empty or cannot be read.
+fn read(path: impl AsRef<Path>) -> Option<String> {
+    let text = fs::read_to_string(path).ok()?;
+    let text = text.trim();
+    (!text.is_empty()).then(|| text.to_owned())
+}
+
+/// The first value of `name : value`.
+fn field(text: &str, name: &str) -> Option<String> {
+    text.lines()
+        .filter_map(|line| line.split_once(':'))
+        .find(|(key, _)| key.trim() == name)
+        .map(|(_, value)| value.trim().to_owned())
+}
+
+fn kibibytes(text: &str, name: &str) -> Option<u64> {
+    let value = field(text, name)?;
+    value
+        .strip_suffix(" kB")?
+        .trim()
+        .parse::<u64>()
+        .ok()?
+        .checked_mul(1024)
+}
+
+/// `ID-VERSION_ID` of an os-release file, such as `debian-12`.
+fn os_name(os_release: &str) -> String {
+    let value = |name: &str| {
+        let line = os_release
+            .lines()
+            .find_map(|line| line.strip_prefix(name)?.strip_prefix('='));
+        line.map(|value| value.trim_matches('"').to_owned())
+    };
+    let parts = [value("ID"), value("VERSION_ID")];
+    parts.into_iter().flatten().collect::<Vec<_>>().join("-")
+}
+
+/// On x86 the processor says it; elsewhere only its presence can be seen.
+fn hypervisor(cpu_info: &str) -> Option<bool> {
+    let by_flags = field(cpu_info, "flags").map(|flags| flags.split(' ').any(|flag| flag == "hypervisor"));
+    let seen = || {
+        let signs = ["/sys/hypervisor/type", "/proc/device-tree/hypervisor"];
+        signs.iter().any(|path| Path::new(path).exists()).then_some(true)
+    };
+    by_flags.or_else(seen)
+}
+
+#[cfg(test)]
+mod tests {
+    use rstest::rstest;
+
+    use super::*;
+
+    #[rstest]
+    #[case::debian("PRETTY_NAME=\"Debian 12\"\nVERSION_ID=\"12\"\nID=debian\n", "debian-12")]
+    #[case::rolling("ID=arch\nBUILD_ID=rolling\n", "arch")]
+    #[case::without_any("", "")]
+    fn an_os_is_named_by_id_and_version(#[case] os_release: &str, #[case] wanted: &str) {
+        assert_eq!(os_name(os_release), wanted);
+    }
+
+    #[test]
+    fn sizes_of_proc_are_kibibytes() {
+        let text = "MemTotal:       24592008 kB\nMemFree: 7 kB\n";
+        assert_eq!(kibibytes(text, "MemTotal"), Some(25_182_216_192));
+        assert_eq!(kibibytes(text, "MemAvailable"), None);
+    }
+
+    #[rstest]
+    #[case::inside("flags\t\t: fpu vme hypervisor lahf_lm", Some(true))]
+    #[case::bare("flags\t\t: fpu vme lahf_lm", Some(false))]
+    fn the_processor_says_whether_there_is_a_hypervisor(
+        #[case] cpu_info: &str,
+        #[case] wanted: Option<bool>,
+    ) {
+        assert_eq!(hypervisor(cpu_info), wanted);
+    }
+
+    #[test]
+    fn this_machine_has_a_kernel_and_a_processor() {
+        let platform = platform(RealtimeGrant::default());
+        assert!(!platform.kernel.is_empty() && !platform.machine.is_empty());
+        assert!(platform.cpus_allowed > 0);
+        assert!(platform.clock_resolution_ns > 0);
+    }
+}

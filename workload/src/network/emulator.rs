@@ -25,9 +25,9 @@ use super::{
     NetworkError,
     device::Tap,
     namespace::errno,
-    priority,
     star::{Delivery, FRAME_BYTES, Star},
 };
+use crate::realtime::priority::request_fifo;
 use crate::{record::window::LinkRecord, virtual_host::VirtualHost};
 
 /// How many frames are read from one host before the others and what is due have their turn.
@@ -75,7 +75,7 @@ impl Emulator {
         let thread = thread::Builder::new().name("emulator".into()).spawn(move || {
             // Neither is an error: what was granted of the real-time wishes is asked and recorded by the experiment.
             let _ = prctl::set_timerslack(1);
-            let _ = priority::request_fifo(fifo_priority);
+            let _ = request_fifo(fifo_priority);
             let outcome = carrier.carry(&stopped);
             lock(&carrier.status).failure = outcome.err();
         });

@@ -1,0 +1,30 @@
+//! How the kernel schedules the calling thread: SCHED_FIFO for who must be on time, a low niceness for who must not
+//! disturb (sched(7), setpriority(2)).
+
+// sched_setscheduler(2) and setpriority(2) have no safe interface in nix.
+#![allow(unsafe_code)]
+
+use nix::errno::Errno;
+
+/// Asks for SCHED_FIFO at this priority for the calling thread; 0 asks for nothing. Threads that it starts later
+/// inherit it.
+///
+/// # Errors
+/// What the kernel says, such as EPERM without CAP_SYS_NICE.
+pub fn request_fifo(priority: u8) -> Result<(), Errno> {
+    if priority == 0 {
+        return Ok(());
+    }
+    let parameters = libc::sched_param {
+        sched_priority: priority.into(),
+    };
+    // SAFETY: the parameters live until the call returns; 0 names the calling thread.
+    let outcome = unsafe { libc::sched_setscheduler(0, libc::SCHED_FIFO, &parameters) };
+    Errno::result(outcome).map(drop)
+}
+
+/// Puts the calling thread behind all ordinary ones. Lowering oneself is always allowed, so that nothing is reported.
+pub fn step_back() {
+    // SAFETY: no memory is involved; on Linux 0 names the calling thread, not its process.
+    unsafe { libc::setpriority(libc::PRIO_PROCESS, 0, 10) };
+}
