@@ -117,7 +117,8 @@ impl NetworkError {
                 source: Errno::ENOSPC,
             } => "the limit is reached: as root `sysctl -w user.max_net_namespaces=15000`",
             Self::Namespace { .. } | Self::Enter { .. } => {
-                "run as root; in a container, add the capabilities NET_ADMIN and SYS_ADMIN"
+                "run as root, or on Ubuntu, as root, `sysctl -w kernel.apparmor_restrict_unprivileged_userns=0`; in a \
+                 container, add the capabilities NET_ADMIN and SYS_ADMIN"
             }
             Self::TunDevice {
                 source: Errno::EACCES | Errno::EPERM,
@@ -167,4 +168,31 @@ pub fn survey(backend: NetworkBackend) -> Result<(), NetworkError> {
 /// The standard library's only source of randomness: the keys of a new hash map are drawn by the operating system.
 fn random_seed() -> u64 {
     RandomState::new().build_hasher().finish()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[rstest::rstest]
+    #[case(NetworkError::UserNamespace { source: Errno::EPERM }, "user namespaces")]
+    #[case(NetworkError::Namespace { source: Errno::EPERM }, "SYS_ADMIN")]
+    #[case(NetworkError::TunDevice { source: Errno::EACCES }, "chmod 0666 /dev/net/tun")]
+    #[case(NetworkError::TunDevice { source: Errno::ENOENT }, "modprobe tun")]
+    #[case(
+        NetworkError::Interface { interface: "h1-eth0".into(), action: "making it", source: Errno::EPERM },
+        "NET_ADMIN"
+    )]
+    fn what_a_user_can_mend_comes_with_its_fix(#[case] error: NetworkError, #[case] fix: &str) {
+        assert!(
+            error.hint().unwrap().contains(fix),
+            "{error:?}: {:?}",
+            error.hint()
+        );
+    }
+
+    #[test]
+    fn networks_without_a_seed_differ() {
+        assert_ne!(random_seed(), random_seed());
+    }
 }

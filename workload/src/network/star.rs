@@ -48,7 +48,7 @@ struct Pass {
 pub trait Delivery {
     /// Hands the frame to the host. It was due at `due_ns`.
     ///
-    /// Returns the time at which it was done, or nothing if the host had no room for it.
+    /// Returns the time at which it was done, or nothing if the host did not take it: it then counts as overflowed.
     fn deliver(&mut self, host: VirtualHost, due_ns: u64, frame: &[u8]) -> Option<u64>;
 }
 
