@@ -8,6 +8,7 @@
 //! ```
 
 pub mod comparison;
+pub mod figure;
 pub mod health;
 pub mod ks;
 mod render;
@@ -17,7 +18,9 @@ pub mod run_directory;
 pub mod sample;
 pub mod settings;
 pub mod table;
+mod writing;
 
 pub use report::{Report, analyse};
 pub use run::{Run, load};
 pub use run_directory::ReadError;
+pub use writing::{WriteError, write};

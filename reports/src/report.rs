@@ -6,6 +6,7 @@ use workload::record::window::Verdict;
 
 use crate::{
     comparison::{Comparison, Tally, compare_all, tally},
+    figure,
     health::Health,
     ks::{Method, smallest_attainable_p},
     run::{BrokenWindow, Ending, Run, ScenarioRun, Window, WindowState},
@@ -317,6 +318,11 @@ fn remarks(report: &Report, cut_lines: &[usize]) -> Vec<String> {
             "With {n} and {m} values the smallest p-value is {p:.2e}, and α is {}: such windows are never told apart, \
              and a count of 0 says nothing. Measure more periods in a window.",
             report.settings.alpha
+        ));
+    }
+    for name in figure::chosen_pairs(report).unknown {
+        remarks.push(format!(
+            "`report.figures` names `{name}`, which is no scenario's letter or slug."
         ));
     }
     for line in cut_lines {

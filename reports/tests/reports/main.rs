@@ -9,3 +9,4 @@
 mod bad_input;
 mod synthetic;
 mod tables;
+mod written;

@@ -1,0 +1,71 @@
+//! The comparisons and the samples as columns, for those who go on with their own tools: CSV and Parquet, by polars.
+
+use polars::{
+    df,
+    error::PolarsResult,
+    frame::DataFrame,
+    prelude::{CsvWriter, ParquetCompression, ParquetWriter, SerWriter},
+};
+
+use crate::{comparison::Comparison, report::Report};
+
+/// One row a comparison.
+pub(crate) fn comparisons(report: &Report) -> PolarsResult<DataFrame> {
+    fn column<'a, T>(report: &'a Report, of: impl Fn(&'a Comparison) -> T) -> Vec<T> {
+        report.comparisons.iter().map(of).collect()
+    }
+    let slug = |id: &str| {
+        report
+            .scenarios
+            .iter()
+            .find(|scenario| scenario.id == id)
+            .map(|scenario| scenario.slug.clone())
+    };
+    df![
+        "a" => column(report, |c| c.a.as_str()),
+        "a_slug" => column(report, |c| slug(&c.a)),
+        "a_window" => column(report, |c| c.a_window),
+        "b" => column(report, |c| c.b.as_str()),
+        "b_slug" => column(report, |c| slug(&c.b)),
+        "b_window" => column(report, |c| c.b_window),
+        "n" => column(report, |c| c.test.n as u64),
+        "m" => column(report, |c| c.test.m as u64),
+        "d" => column(report, |c| c.test.d),
+        "h" => column(report, |c| c.test.h),
+        "lcm" => column(report, |c| c.test.lcm),
+        "p" => column(report, |c| c.test.p),
+        "log10_p" => column(report, |c| c.test.log10_p),
+        "method" => column(report, |c| c.test.method.name()),
+        "alpha" => column(report, |_| report.settings.alpha),
+        "rejected" => column(report, |c| c.rejected),
+    ]
+}
+
+/// One row a period that counts.
+pub(crate) fn samples(report: &Report) -> PolarsResult<DataFrame> {
+    let mut columns = (Vec::new(), Vec::new(), Vec::new(), Vec::new());
+    for sample in &report.samples {
+        for (period, error_m) in (sample.first_period..).zip(&sample.errors_m) {
+            columns.0.push(sample.scenario.as_str());
+            columns.1.push(sample.window);
+            columns.2.push(period);
+            columns.3.push(*error_m);
+        }
+    }
+    df!["scenario" => columns.0, "window" => columns.1, "period" => columns.2, "error_m" => columns.3]
+}
+
+pub(crate) fn csv(frame: &mut DataFrame) -> PolarsResult<Vec<u8>> {
+    let mut bytes = Vec::new();
+    CsvWriter::new(&mut bytes).finish(frame)?;
+    Ok(bytes)
+}
+
+pub(crate) fn parquet(frame: &mut DataFrame) -> PolarsResult<Vec<u8>> {
+    let mut bytes = Vec::new();
+    // Kilobytes: what every reader can read matters more than the size.
+    ParquetWriter::new(&mut bytes)
+        .with_compression(ParquetCompression::Uncompressed)
+        .finish(frame)?;
+    Ok(bytes)
+}

@@ -1,0 +1,143 @@
+//! Writing a report into its run directory: the folder `report/` is ours and is brought to what the report is, each file
+//! in one step; nothing else of the run directory is touched. The main function is [`write`].
+
+use std::{
+    collections::BTreeSet,
+    fs, io,
+    path::{Path, PathBuf},
+};
+
+use polars::error::PolarsError;
+
+use crate::{
+    figure::{self, FigureError},
+    render::columns,
+    report::Report,
+    run::Run,
+};
+
+/// The folder of the figures, in `report/`.
+const FIGURES: &str = "figures";
+
+/// A report could not be written. What was there before of the file at fault is still there.
+#[derive(Debug, thiserror::Error)]
+pub enum WriteError {
+    /// The operating system refused.
+    #[error("{} cannot be written", path.display())]
+    Io {
+        /// The file or folder.
+        path: PathBuf,
+        /// Why.
+        source: io::Error,
+    },
+    /// A table of numbers could not be encoded.
+    #[error("{name} cannot be encoded")]
+    Columns {
+        /// The file.
+        name: &'static str,
+        /// Why.
+        source: PolarsError,
+    },
+    /// A figure could not be drawn.
+    #[error(transparent)]
+    Figure(#[from] FigureError),
+}
+
+impl WriteError {
+    /// What to do about it.
+    #[must_use]
+    pub const fn hint(&self) -> &'static str {
+        match self {
+            Self::Io { .. } => "see that the disk has room and that you may write to the run directory",
+            Self::Columns { .. } | Self::Figure(_) => {
+                "this is a fault of matrix: please report it with the run directory's report/report.json"
+            }
+        }
+    }
+}
+
+/// Writes the report into the run directory's `report/`. Figures of an earlier report that this one does not have are
+/// removed.
+///
+/// # Errors
+/// When something cannot be encoded, which is before anything is written, and when a file cannot be written.
+pub fn write(run: &Run, report: &Report) -> Result<(), WriteError> {
+    let folder = run.directory.report();
+    let figures = figure::draw(run, report)?;
+    let mut files: Vec<(PathBuf, Vec<u8>)> = vec![
+        ("tables.md".into(), report.markdown().into_bytes()),
+        ("tables.tex".into(), report.latex().into_bytes()),
+        (
+            "report.json".into(),
+            format!("{:#}\n", report.json()).into_bytes(),
+        ),
+    ];
+    files.extend(column_files(report)?);
+    let names: BTreeSet<String> = figures.iter().map(|figure| figure.name.clone()).collect();
+    files.extend(
+        figures
+            .into_iter()
+            .map(|figure| (Path::new(FIGURES).join(figure.name), figure.svg.into_bytes())),
+    );
+
+    let drawings = folder.join(FIGURES);
+    fs::create_dir_all(&drawings).map_err(at(&drawings))?;
+    for (name, bytes) in files {
+        replace(&folder.join(name), &bytes)?;
+    }
+    remove_other_figures(&drawings, &names)
+}
+
+fn column_files(report: &Report) -> Result<[(PathBuf, Vec<u8>); 4], WriteError> {
+    let fail = |name| move |source| WriteError::Columns { name, source };
+    let mut comparisons = columns::comparisons(report).map_err(fail("comparisons.csv"))?;
+    let mut samples = columns::samples(report).map_err(fail("samples.csv"))?;
+    Ok([
+        (
+            "comparisons.csv".into(),
+            columns::csv(&mut comparisons).map_err(fail("comparisons.csv"))?,
+        ),
+        (
+            "comparisons.parquet".into(),
+            columns::parquet(&mut comparisons).map_err(fail("comparisons.parquet"))?,
+        ),
+        (
+            "samples.csv".into(),
+            columns::csv(&mut samples).map_err(fail("samples.csv"))?,
+        ),
+        (
+            "samples.parquet".into(),
+            columns::parquet(&mut samples).map_err(fail("samples.parquet"))?,
+        ),
+    ])
+}
+
+/// A reader sees the old file or the new one, never a part.
+fn replace(path: &Path, bytes: &[u8]) -> Result<(), WriteError> {
+    let mut beside = path.as_os_str().to_owned();
+    beside.push(".new");
+    let beside = PathBuf::from(beside);
+    fs::write(&beside, bytes).map_err(at(&beside))?;
+    fs::rename(&beside, path).map_err(at(path))
+}
+
+fn remove_other_figures(folder: &Path, wanted: &BTreeSet<String>) -> Result<(), WriteError> {
+    for entry in fs::read_dir(folder).map_err(at(folder))? {
+        let path = entry.map_err(at(folder))?.path();
+        let name = path
+            .file_name()
+            .and_then(|name| name.to_str())
+            .unwrap_or_default();
+        let ours = (name.starts_with("cdf-") || name.starts_with("trajectory-"))
+            && (name.ends_with(".svg") || name.ends_with(".svg.new"));
+        if ours && !wanted.contains(name) {
+            fs::remove_file(&path).map_err(at(&path))?;
+        }
+    }
+    Ok(())
+}
+
+fn at(path: &Path) -> impl FnOnce(io::Error) -> WriteError {
+    let path = path.to_owned();
+    |source| WriteError::Io { path, source }
+}
