@@ -35,7 +35,7 @@ pub use ended::Ended;
 pub use error::ProviderError;
 pub use settings::ProviderSettings;
 
-use self::{docker::Docker, native::Native, vagrant::Vagrant};
+use self::{docker::Docker, fake::Fake, native::Native, vagrant::Vagrant};
 
 /// Whether something can be had on a host.
 #[derive(Debug, Clone, PartialEq, Eq)]
@@ -208,6 +208,7 @@ pub fn choose(
     match virtualization {
         "native" => Ok(Box::new(Native::new(host, state()))),
         "docker" => Ok(Box::new(Docker::new(host, settings.docker.clone()))),
+        "fake" => Ok(Box::new(Fake::new(host, settings.fake.clone(), state()))),
 
         other => match Vagrant::with_provider(other) {
             Some(vagrant) => Ok(Box::new(vagrant)),
@@ -234,4 +235,4 @@ pub fn all() -> Vec<Box<dyn Provider>> {
 }
 
 /// The providers that create something.
-const CREATING: [&str; 2] = ["native", "docker"];
+const CREATING: [&str; 3] = ["native", "docker", "fake"];

@@ -14,9 +14,10 @@ use std::{
     path::{Path, PathBuf},
 };
 
+use reports::run_directory::Resource;
 use serde::{Deserialize, Serialize};
 
-use super::{EnvironmentRequest, ProviderError};
+use super::{EnvironmentRequest, Leftover, ProviderError};
 use crate::state_directory::StateDirectory;
 
 /// What an environment belongs to: written before anything else happens in its folder.
@@ -150,6 +151,33 @@ impl EnvironmentDirectory {
     #[must_use]
     pub fn data(&self) -> PathBuf {
         self.0.join("data")
+    }
+
+    /// The folder as the journal and `matrix clean` name it: by its environment, whose process, if one runs, is ended
+    /// with it.
+    #[must_use]
+    pub fn resource(&self, host: &str) -> Resource {
+        Resource {
+            host: host.to_owned(),
+            kind: "directory".to_owned(),
+            name: self.environment(),
+        }
+    }
+
+    /// The folder as something that was left behind.
+    #[must_use]
+    pub fn leftover(&self, host: &str, owner: Option<Owner>, running: bool) -> Leftover {
+        let (run, run_directory, scenario) = match owner {
+            Some(owner) => (Some(owner.run), Some(owner.run_directory), Some(owner.scenario)),
+            None => (None, None, None),
+        };
+        Leftover {
+            resource: self.resource(host),
+            run,
+            run_directory,
+            scenario,
+            running,
+        }
     }
 
     /// Removes the folder with all that is in it; it may be gone already.

@@ -1,5 +1,126 @@
-//! The `fake` provider.
+//! The `fake` provider: runs the pipeline in a blink, for tests and for trying out a matrix file. The main type is
+//! [`Fake`].
+//!
+//! What it measures is the twin in virtual time with some noise; what it leaves are the files of a real workload. Its
+//! environments are folders below the state directory, as the native provider's, and all of their state is there: one
+//! that is found again after a crash goes on from where it was. Nothing runs in between: the workload gets on whenever
+//! it is asked for its next line. It is strict: what must not be called is an error.
 
+mod environment;
 mod settings;
+mod window;
+
+use async_trait::async_trait;
+use reports::run_directory::Resource;
+
+use self::environment::FakeEnvironment;
+use super::{
+    Availability, Environment, EnvironmentRequest, Leftover, Provider, ProviderError,
+    environment_directory::{EnvironmentDirectory, Owner},
+};
+use crate::state_directory::StateDirectory;
 
 pub use settings::{FakeScenario, FakeSettings, Fault, FaultPoint};
+
+const NAME: &str = "fake";
+
+/// A platform that is not there.
+#[derive(Debug, Clone)]
+pub struct Fake {
+    host: String,
+    settings: FakeSettings,
+    state: StateDirectory,
+}
+
+impl Fake {
+    /// On the host of that name in the matrix file, with its environments in this state directory.
+    #[must_use]
+    pub fn new(host: &str, settings: FakeSettings, state: StateDirectory) -> Self {
+        Self {
+            host: host.to_owned(),
+            settings,
+            state,
+        }
+    }
+
+    fn ours(&self) -> Result<Vec<(EnvironmentDirectory, Owner)>, ProviderError> {
+        let ours = |(directory, owner): (_, Option<Owner>)| {
+            owner
+                .filter(|owner| owner.provider == NAME)
+                .map(|owner| (directory, owner))
+        };
+        Ok(EnvironmentDirectory::all(&self.state)?
+            .into_iter()
+            .filter_map(ours)
+            .collect())
+    }
+}
+
+#[async_trait]
+impl Provider for Fake {
+    fn name(&self) -> &'static str {
+        NAME
+    }
+
+    async fn survey(&self) -> Availability {
+        Availability::Available {
+            detail: "in virtual time, nothing is measured".to_owned(),
+        }
+    }
+
+    fn resources(&self, request: &EnvironmentRequest) -> Vec<Resource> {
+        vec![EnvironmentDirectory::of(&self.state, &request.environment).resource(&self.host)]
+    }
+
+    async fn create(&self, request: &EnvironmentRequest) -> Result<Box<dyn Environment>, ProviderError> {
+        let directory = EnvironmentDirectory::of(&self.state, &request.environment);
+        directory.create(&Owner::new(NAME, request))?;
+        let fault = self.settings.fault(&request.scenario, &request.environment);
+        if fault.is_some_and(|fault| fault.at == FaultPoint::Create) {
+            return Err(ProviderError::Played {
+                at: FaultPoint::Create.name(),
+            });
+        }
+        Ok(Box::new(FakeEnvironment::create(
+            directory,
+            request,
+            &self.settings,
+        )?))
+    }
+
+    async fn find(
+        &self,
+        request: &EnvironmentRequest,
+    ) -> Result<Option<Box<dyn Environment>>, ProviderError> {
+        let directory = EnvironmentDirectory::of(&self.state, &request.environment);
+        // Without its lines the workload was never started.
+        if !directory.lines().exists() {
+            return Ok(None);
+        }
+        Ok(Some(Box::new(FakeEnvironment::find(
+            directory,
+            request,
+            &self.settings,
+        )?)))
+    }
+
+    async fn leftovers(&self) -> Result<Vec<Leftover>, ProviderError> {
+        let leftovers = self.ours()?.into_iter().map(|(directory, owner)| {
+            // It runs only while somebody asks it to, and then that is its own run.
+            directory.leftover(&self.host, Some(owner), false)
+        });
+        Ok(leftovers.collect())
+    }
+
+    async fn remove(&self, leftover: &Leftover) -> Result<(), ProviderError> {
+        let host = &leftover.resource.host;
+        match self
+            .ours()?
+            .into_iter()
+            .find(|(directory, _)| directory.resource(host) == leftover.resource)
+        {
+            Some((directory, _)) => directory.remove(),
+            None => Ok(()),
+        }
+    }
+}

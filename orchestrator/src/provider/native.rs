@@ -71,29 +71,6 @@ impl Native {
             .and_then(WorkloadProcess::started)
             .map_err(|error| refused("starting the workload", error))
     }
-
-    fn leftover(&self, directory: &EnvironmentDirectory, owner: Option<Owner>, running: bool) -> Leftover {
-        let (run, run_directory, scenario) = match owner {
-            Some(owner) => (Some(owner.run), Some(owner.run_directory), Some(owner.scenario)),
-            None => (None, None, None),
-        };
-        Leftover {
-            resource: directory_resource(&self.host, directory),
-            run,
-            run_directory,
-            scenario,
-            running,
-        }
-    }
-}
-
-/// The folder as the journal and `matrix clean` name it. Removing it ends the process that writes to it.
-fn directory_resource(host: &str, directory: &EnvironmentDirectory) -> Resource {
-    Resource {
-        host: host.to_owned(),
-        kind: "directory".to_owned(),
-        name: directory.path().display().to_string(),
-    }
 }
 
 fn refused(action: &str, source: std::io::Error) -> ProviderError {
@@ -124,7 +101,7 @@ impl Provider for Native {
             kind: "process".to_owned(),
             name: request.environment.clone(),
         };
-        vec![directory_resource(&self.host, &directory), process]
+        vec![directory.resource(&self.host), process]
     }
 
     async fn create(&self, request: &EnvironmentRequest) -> Result<Box<dyn Environment>, ProviderError> {
@@ -154,16 +131,17 @@ impl Provider for Native {
             .filter(|(_, owner)| owner.as_ref().is_none_or(|owner| owner.provider == NAME))
             .map(|(directory, owner)| {
                 let running = find_process(&directory)?.is_some();
-                Ok(self.leftover(&directory, owner, running))
+                Ok(directory.leftover(&self.host, owner, running))
             })
             .collect()
     }
 
     async fn remove(&self, leftover: &Leftover) -> Result<(), ProviderError> {
         let directories = EnvironmentDirectory::all(&self.state)?;
-        match directories.into_iter().find(|(directory, _)| {
-            directory_resource(&leftover.resource.host, directory) == leftover.resource
-        }) {
+        match directories
+            .into_iter()
+            .find(|(directory, _)| directory.resource(&leftover.resource.host) == leftover.resource)
+        {
             Some((directory, _)) => environment::remove(&directory, find_process(&directory)?).await,
             None => Ok(()),
         }
