@@ -8,7 +8,7 @@ mod welcome;
 use std::{
     fmt,
     net::{Ipv4Addr, TcpListener},
-    sync::{Arc, Mutex},
+    sync::{Arc, Condvar, Mutex},
     time::Duration,
 };
 
@@ -42,6 +42,8 @@ pub struct NodeConfig {
     pub tcp_nodelay: bool,
     /// For how long a registration is tried, if the master does not answer.
     pub master_patience: Duration,
+    /// For a subscriber to send its header, from when it connects.
+    pub header_patience: Duration,
     /// Where its notices go.
     pub notices: Notices,
     /// For threads that receive messages.
@@ -49,7 +51,7 @@ pub struct NodeConfig {
 }
 
 impl NodeConfig {
-    /// With a patience of 30 s; without TCP_NODELAY (as ROS), notices, or a setup for threads.
+    /// With a patience of 30 s for the master and 10 s for subscribers; without TCP_NODELAY (as ROS), notices, or a setup for threads.
     #[must_use]
     pub fn new(name: &str, address: Ipv4Addr, master_uri: &str) -> Self {
         Self {
@@ -58,6 +60,7 @@ impl NodeConfig {
             master_uri: master_uri.to_owned(),
             tcp_nodelay: false,
             master_patience: Duration::from_secs(30),
+            header_patience: Duration::from_secs(10),
             notices: Notices::ignored(),
             receiver_setup: None,
         }
@@ -121,7 +124,9 @@ impl Node {
             master,
             crew: crew.clone(),
             notices: config.notices.clone(),
+            header_patience: config.header_patience,
             topics: Mutex::default(),
+            settled: Condvar::new(),
         });
         let api = Arc::new(Slave(Arc::clone(&membership)));
         serve(slave_listener, &crew, &config.notices, api).map_err(failed)?;

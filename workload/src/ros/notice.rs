@@ -52,7 +52,7 @@ pub enum Notice {
         publisher: String,
     },
     /// A publisher could not be reached, or its connection broke. It is tried again while it is registered.
-    #[error("lost the publisher of {topic} at {publisher}: {reason}")]
+    #[error("no connection to the publisher of {topic} at {publisher}: {reason}")]
     PublisherLost {
         /// The topic.
         topic: String,

@@ -107,6 +107,17 @@ impl Publisher {
     }
 }
 
+#[cfg(test)]
+impl Publisher {
+    /// Of each connection that has been published to, whether TCP_NODELAY is set on it.
+    pub(super) fn nodelay(&self) -> Vec<bool> {
+        self.outlets
+            .iter()
+            .map(|outlet| outlet.wire().stream.nodelay().unwrap())
+            .collect()
+    }
+}
+
 impl fmt::Debug for Publisher {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         f.debug_struct("Publisher")

@@ -270,6 +270,60 @@ fn any_type_is_served_to_who_asks_for_any() {
 }
 
 #[rstest::rstest]
+#[case(true)]
+#[case(false)]
+fn the_subscriber_decides_about_tcp_nodelay(#[case] asks: bool) {
+    let master = master();
+    let (plant, _) = node("/plant", &master);
+    let config = NodeConfig {
+        tcp_nodelay: asks,
+        ..NodeConfig::new("/controller", HOST, &master.uri())
+    };
+    let controller = Node::start(config).unwrap();
+    let mut state = plant.advertise("/state", MESSAGE_TYPE).unwrap();
+    let _states = forward(&controller, "/state");
+    state.wait_for_subscribers(1, PATIENCE).unwrap();
+    publish(&mut state, [1.0, 2.0]);
+    assert_eq!(state.nodelay(), [asks]);
+}
+
+#[test]
+fn a_subscriber_that_says_nothing_is_refused() {
+    let master = master();
+    let (notices, received) = Notices::queue(10);
+    let config = NodeConfig {
+        notices,
+        header_patience: Duration::from_millis(20),
+        ..NodeConfig::new("/plant", HOST, &master.uri())
+    };
+    let plant = Node::start(config).unwrap();
+    let _state = plant.advertise("/state", MESSAGE_TYPE).unwrap();
+    let mut silent = TcpStream::connect(topic_address(plant.slave_uri(), "/state")).unwrap();
+    let refused = received
+        .iter()
+        .find(|notice| matches!(notice, Notice::SubscriberRefused { .. }))
+        .unwrap();
+    assert!(refused.to_string().contains("it took too long"), "{refused}");
+    assert!(read_header(&mut silent).get("error").is_some());
+}
+
+#[test]
+fn a_registration_under_way_when_the_node_ends_is_taken_back() {
+    let master = master();
+    let client = Client::new(&master.uri(), Stop::new().unwrap()).unwrap();
+    for _ in 0..20 {
+        let (plant, _) = node("/plant", &master);
+        let _state = plant.advertise("/state", MESSAGE_TYPE).unwrap();
+        let _commands = forward(&plant, "/command");
+        plant.shutdown();
+        let state = client
+            .call_ros("getSystemState", &["/x".into()], Instant::now() + PATIENCE)
+            .unwrap();
+        assert_eq!(state, Value::Array(vec![Value::Array(Vec::new()); 3]));
+    }
+}
+
+#[rstest::rstest]
 #[case::length(&[0xff, 0xff, 0xff, 0x7f], "above the limit")]
 #[case::field(b"\x08\0\0\0\xff\0\0\0abcd", "ends within a field")]
 #[case::no_topic(b"\x07\0\0\0\x03\0\0\0a=b", "has no `topic`")]

@@ -333,3 +333,140 @@ fn pairs(pairs: Vec<(String, String)>) -> Value {
     let pair = |(name, kind): (String, String)| Value::from(vec![name, kind]);
     Value::Array(pairs.into_iter().map(pair).collect())
 }
+
+#[cfg(test)]
+mod tests {
+    use proptest::prelude::*;
+
+    use super::*;
+    use crate::ros::{Notices, crew::Crew};
+
+    const METHODS: [&str; 22] = [
+        "registerPublisher",
+        "unregisterPublisher",
+        "registerSubscriber",
+        "unregisterSubscriber",
+        "registerService",
+        "unregisterService",
+        "lookupService",
+        "lookupNode",
+        "getPublishedTopics",
+        "getTopicTypes",
+        "getSystemState",
+        "getUri",
+        "getPid",
+        "setParam",
+        "getParam",
+        "hasParam",
+        "deleteParam",
+        "searchParam",
+        "subscribeParam",
+        "unsubscribeParam",
+        "getParamNames",
+        "shutdown",
+    ];
+
+    fn handler() -> Handler {
+        let callbacks = Callbacks::new(Crew::new().unwrap(), Notices::ignored());
+        // Nobody is there to be told.
+        callbacks.close();
+        Handler {
+            uri: "http://10.0.0.1:11311/".into(),
+            callbacks,
+            tables: Mutex::default(),
+        }
+    }
+
+    fn call(handler: &Handler, method: &str, params: &[&str]) -> Vec<Value> {
+        let params: Vec<Value> = params.iter().map(|param| Value::from(*param)).collect();
+        handler
+            .call(method, Params(&params))
+            .unwrap()
+            .as_array()
+            .unwrap()
+            .to_vec()
+    }
+
+    #[test]
+    fn a_name_that_is_not_global_is_refused_with_its_reason() {
+        let answer = call(
+            &handler(),
+            "registerPublisher",
+            &["/p", "state", "a/B", "http://10.0.0.3:1/"],
+        );
+        assert_eq!(
+            answer,
+            [
+                (-1).into(),
+                "ERROR: `state` is not a global name".into(),
+                0.into()
+            ]
+        );
+    }
+
+    #[test]
+    fn a_missing_parameter_is_named() {
+        let answer = call(&handler(), "registerPublisher", &["/p", "/state"]);
+        assert_eq!(
+            answer,
+            [(-1).into(), "ERROR: caller_api should be given".into(), 0.into()]
+        );
+    }
+
+    #[test]
+    fn topics_are_listed_within_a_namespace() {
+        let handler = handler();
+        for topic in ["/plant/state", "/plantation"] {
+            call(
+                &handler,
+                "registerPublisher",
+                &["/p", topic, "a/B", "http://10.0.0.3:1/"],
+            );
+        }
+        let row = |topic: &str| Value::from(vec![topic, "a/B"]);
+        let within = call(&handler, "getPublishedTopics", &["/p", "/plant"]);
+        assert_eq!(within[2], Value::Array(vec![row("/plant/state")]));
+        let all = call(&handler, "getPublishedTopics", &["/p", ""]);
+        assert_eq!(
+            all[2],
+            Value::Array(vec![row("/plant/state"), row("/plantation")])
+        );
+    }
+
+    #[test]
+    fn a_private_parameter_belongs_to_its_caller() {
+        let handler = handler();
+        call(&handler, "setParam", &["/controller", "~gain", "2"]);
+        assert_eq!(
+            call(&handler, "getParam", &["/x", "/controller/gain"])[2],
+            "2".into()
+        );
+        assert_eq!(call(&handler, "getParam", &["/x", "~gain"])[0], (-1).into());
+    }
+
+    proptest! {
+        #[test]
+        fn no_parameters_make_it_panic_or_answer_without_form(
+            calls in proptest::collection::vec(
+                (0_usize..22, proptest::collection::vec(
+                    prop_oneof![
+                        "(/|~)?[a-z/]{0,6}".prop_map(Value::Text),
+                        Just(Value::from("http://10.0.0.3:1/")),
+                        any::<i32>().prop_map(Value::Int),
+                        Just(Value::nothing()),
+                        Just(Value::Array(vec![Value::Nil])),
+                    ],
+                    0..5,
+                )),
+                0..20,
+            ),
+        ) {
+            let handler = handler();
+            for (method, params) in calls {
+                let answer = handler.call(METHODS[method], Params(&params)).unwrap();
+                let is_formed = matches!(answer.as_array(), Some([Value::Int(_), Value::Text(_), _]));
+                prop_assert!(is_formed, "{answer:?}");
+            }
+        }
+    }
+}

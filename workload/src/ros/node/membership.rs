@@ -3,8 +3,8 @@
 use std::{
     collections::BTreeMap,
     net::Ipv4Addr,
-    sync::{Arc, Mutex, MutexGuard, PoisonError},
-    time::Duration,
+    sync::{Arc, Condvar, Mutex, MutexGuard, PoisonError},
+    time::{Duration, Instant},
 };
 
 use crate::ros::{
@@ -25,7 +25,11 @@ pub(super) struct Membership {
     pub master: Client,
     pub crew: Crew,
     pub notices: Notices,
+    /// For a subscriber to send its header.
+    pub header_patience: Duration,
     pub topics: Mutex<Topics>,
+    /// When a registration has come to an end.
+    pub settled: Condvar,
 }
 
 /// The topics, and which of them the master knows.
@@ -34,6 +38,8 @@ pub(super) struct Topics {
     publications: BTreeMap<String, Arc<Publication>>,
     intakes: BTreeMap<String, Arc<Intake>>,
     registered: Vec<Registered>,
+    /// Registrations that are under way.
+    registering: usize,
     closing: bool,
 }
 
@@ -113,6 +119,26 @@ impl Membership {
         !topics.closing
     }
 
+    /// A registration is under way for as long as the answer lives.
+    pub fn begin_to_register(self: &Arc<Self>) -> Registering {
+        self.lock().registering += 1;
+        Registering(Arc::clone(self))
+    }
+
+    pub fn is_closing(&self) -> bool {
+        self.lock().closing
+    }
+
+    /// Waits until no registration is under way, or the time is over.
+    pub fn wait_until_settled(&self, deadline: Instant) {
+        let left = deadline.saturating_duration_since(Instant::now());
+        // Either way the node goes on to end.
+        drop(
+            self.settled
+                .wait_timeout_while(self.lock(), left, |topics| topics.registering > 0),
+        );
+    }
+
     /// From now on nothing is registered. What has been is for the caller to take back.
     pub fn begin_to_close(&self) -> Vec<Registered> {
         let mut topics = self.lock();
@@ -136,5 +162,16 @@ impl Membership {
 
     fn lock(&self) -> MutexGuard<'_, Topics> {
         self.topics.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+}
+
+/// Counted while it lives.
+#[derive(Debug)]
+pub(super) struct Registering(Arc<Membership>);
+
+impl Drop for Registering {
+    fn drop(&mut self) {
+        self.0.lock().registering -= 1;
+        self.0.settled.notify_all();
     }
 }

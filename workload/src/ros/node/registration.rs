@@ -71,6 +71,11 @@ pub(super) fn begin_subscriber(node: &Arc<Membership>, intake: Arc<Intake>) -> R
 
 fn spawn(node: &Arc<Membership>, work: impl FnOnce() + Send + 'static) -> Result<(), RosError> {
     let failed = |error| RosError::system("start a thread to register a topic", error);
+    let registering = node.begin_to_register();
+    let work = move || {
+        work();
+        drop(registering);
+    };
     node.crew.spawn("ros-register", work).map_err(failed)
 }
 
@@ -94,7 +99,7 @@ fn register(
             }
             Err(error) => error,
         };
-        if node.crew.stop().is_raised() {
+        if node.crew.stop().is_raised() || node.is_closing() {
             return None;
         }
         let reason = error.to_string();
@@ -156,6 +161,8 @@ pub(super) fn end(node: &Membership) {
             }
         }
     });
+    // One whose answer is still on its way takes itself back.
+    node.wait_until_settled(deadline);
 }
 
 fn take_back(node: &Membership, Registered { unregister, topic }: &Registered, deadline: Instant) {

@@ -20,8 +20,8 @@ use crate::ros::{
     stop::WaitError,
 };
 
-/// From the connection to the last byte of its header.
-const HEADER_PATIENCE: Duration = Duration::from_secs(10);
+/// For a refusal to be taken.
+const REFUSAL_PATIENCE: Duration = Duration::from_secs(1);
 
 /// Why a connection does not become a subscriber.
 #[derive(Debug, thiserror::Error)]
@@ -94,7 +94,7 @@ fn welcome(node: &Membership, stream: TcpStream, peer: SocketAddr) {
             refused(&refusal);
             let answer = ConnectionHeader::new([("error", &refusal.to_string())]);
             // It may have gone already.
-            let _ = socket.write_all(&answer.to_bytes(), Instant::now() + HEADER_PATIENCE);
+            let _ = socket.write_all(&answer.to_bytes(), Instant::now() + REFUSAL_PATIENCE);
         }
     }
 }
@@ -108,7 +108,7 @@ struct Subscriber {
 
 /// Reads the subscriber's header and answers it.
 fn agree(node: &Membership, socket: &Socket) -> Result<Subscriber, Refusal> {
-    let deadline = Instant::now() + HEADER_PATIENCE;
+    let deadline = Instant::now() + node.header_patience;
     let header = read_header(socket, deadline)?;
     let topic = header.require("topic")?;
     let md5sum = header.require("md5sum")?;

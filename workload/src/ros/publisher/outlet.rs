@@ -36,6 +36,11 @@ impl<W: Write> Outlet<W> {
         }
     }
 
+    #[cfg(test)]
+    pub fn wire(&self) -> &W {
+        &self.wire
+    }
+
     /// Writes a frame. Neither blocks nor allocates.
     pub fn send(&mut self, frame: &[u8]) -> Delivery {
         match self.finish_backlog() {

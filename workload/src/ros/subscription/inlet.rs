@@ -83,6 +83,10 @@ impl Inlet {
                 return;
             }
             if let Err(error) = ended {
+                // Another type does not become ours in a moment.
+                if matches!(error, InletError::Refused(_) | InletError::WrongType { .. }) {
+                    pause = LONGEST_PAUSE;
+                }
                 self.intake.notices.send(Notice::PublisherLost {
                     topic: self.intake.topic.clone(),
                     publisher: self.publisher.clone(),
