@@ -10,7 +10,7 @@ use crate::{
     health::Health,
     ks::{Method, smallest_attainable_p},
     run::{BrokenWindow, Ending, Run, ScenarioRun, Window, WindowState},
-    run_directory::Outcome,
+    run_directory::{EnvironmentRecord, Outcome},
     sample::{Sample, samples},
     settings::ReportSettings,
     table::{self, Table},
@@ -62,6 +62,8 @@ pub struct ScenarioReport {
     pub windows: Vec<WindowReport>,
     /// What broke on the way.
     pub broken: Vec<BrokenWindow>,
+    /// What its platform was, if it came so far.
+    pub environment: Option<EnvironmentRecord>,
     /// How well its platform held the schedule; none without a window that counts.
     pub health: Option<Health>,
 }
@@ -241,6 +243,7 @@ fn scenario_report(scenario: &ScenarioRun, settings: &ReportSettings, samples: &
             .map(|window| window_report(window, n(window.number)))
             .collect(),
         broken: scenario.broken.clone(),
+        environment: scenario.environment.clone(),
         health: Health::of(scenario),
     }
 }

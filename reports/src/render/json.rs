@@ -65,6 +65,7 @@ fn scenario(scenario: &ScenarioReport) -> Value {
         "hint": scenario.hint,
         "windows": windows.collect::<Vec<_>>(),
         "broken": broken.collect::<Vec<_>>(),
+        "environment": scenario.environment,
         "health": scenario.health.as_ref().map(health),
     })
 }

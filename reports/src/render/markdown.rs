@@ -4,6 +4,7 @@ use comfy_table::{CellAlignment, ContentArrangement, presets::ASCII_MARKDOWN};
 
 use crate::{
     report::{Report, ScenarioReport, Standing, WindowReport},
+    run_directory::EnvironmentRecord,
     table::Table,
 };
 
@@ -107,6 +108,9 @@ fn scenario(scenario: &ScenarioReport) -> String {
             "window {} broke in {}: {}",
             broken.window, broken.environment, broken.reason
         ));
+    }
+    for refusal in scenario.environment.iter().flat_map(EnvironmentRecord::refusals) {
+        item(refusal);
     }
     items.join("\n")
 }

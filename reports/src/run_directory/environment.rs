@@ -2,7 +2,7 @@
 
 use serde::{Deserialize, Serialize};
 use serde_json::{Map, Value};
-use workload::record::platform::PlatformRecord;
+use workload::record::platform::RealtimeGrant;
 
 /// What a scenario's platform was, from the outside and from the inside. That of an earlier environment, whose windows
 /// may count, stands beside it as `environment-<name>.json`.
@@ -18,9 +18,10 @@ pub struct EnvironmentRecord {
     /// What the provider knows of it: engine version, image digest, limits.
     #[serde(default)]
     pub facts: Map<String, Value>,
-    /// What the workload saw from inside; none if it never came to look.
+    /// What the workload saw from inside, a [`workload::record::platform::PlatformRecord`] as it wrote it; none if it
+    /// never came to look. Kept as it is, so that a report never fails for a fact that it does not need.
     #[serde(default)]
-    pub platform: Option<PlatformRecord>,
+    pub platform: Option<Value>,
 }
 
 impl EnvironmentRecord {
@@ -28,5 +29,31 @@ impl EnvironmentRecord {
     #[must_use]
     pub fn is_simulated(&self) -> bool {
         self.provider == "fake"
+    }
+
+    /// What the loops asked of the operating system and did not get, in words; empty if all was granted.
+    #[must_use]
+    pub fn refusals(&self) -> Vec<String> {
+        let grant = self
+            .platform
+            .as_ref()
+            .and_then(|platform| platform.get("realtime"));
+        let grant = grant
+            .and_then(|grant| RealtimeGrant::deserialize(grant).ok())
+            .unwrap_or_default();
+        let because = |refusal: Option<String>| refusal.map(|why| format!(": {why}")).unwrap_or_default();
+        let mut refusals = Vec::new();
+        if grant.priority_granted < grant.priority_asked {
+            refusals.push(format!(
+                "real-time priority {} was asked for and {} granted{}",
+                grant.priority_asked,
+                grant.priority_granted,
+                because(grant.priority_refusal)
+            ));
+        }
+        if grant.lock_asked && !grant.locked {
+            refusals.push(format!("memory is not locked{}", because(grant.lock_refusal)));
+        }
+        refusals
     }
 }

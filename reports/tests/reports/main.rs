@@ -7,6 +7,7 @@
 )]
 
 mod bad_input;
+mod fixture;
 mod synthetic;
 mod tables;
 mod written;

@@ -203,6 +203,28 @@ fn what_the_fake_provider_made_up_is_said_first() {
 }
 
 #[test]
+fn what_the_operating_system_refused_the_loops_is_said() {
+    let synthetic = Synthetic::new(&[Scenario::measured("x86-debian-native", &[0.1, 0.1])]);
+    let path = synthetic.directory.environment("x86-debian-native");
+    let mut record: serde_json::Value = serde_json::from_slice(&std::fs::read(&path).unwrap()).unwrap();
+    record["platform"] = json!({"of a": "later version", "realtime": {
+        "priority_asked": 80, "priority_granted": 0, "priority_refusal": "EPERM: Operation not permitted",
+        "lock_asked": true, "locked": true, "lock_refusal": null
+    }});
+    synthetic.write_json(path, &record);
+    let report = report_of(&synthetic);
+    assert_eq!(
+        report.scenarios[0].environment.as_ref().unwrap().refusals(),
+        ["real-time priority 80 was asked for and 0 granted: EPERM: Operation not permitted"]
+    );
+    assert!(
+        report
+            .markdown()
+            .contains("  - real-time priority 80 was asked for and 0 granted: EPERM")
+    );
+}
+
+#[test]
 fn windows_too_short_to_be_told_apart_are_said_to_be() {
     let synthetic = Synthetic::new(&nine());
     let run = reports::load(synthetic.directory.path()).unwrap();
