@@ -12,7 +12,7 @@ use serde::{Deserialize, Deserializer, Serialize, Serializer, de};
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
 pub enum QuantityError {
     /// A bare number, such as `10`.
-    #[error("`{text}` has no unit: write {what} as `{example}`")]
+    #[error("`{text}` has no unit: write {what} as `{example}`; the units are {units}")]
     NoUnit {
         /// What was written.
         text: String,
@@ -20,6 +20,8 @@ pub enum QuantityError {
         what: &'static str,
         /// A valid one.
         example: String,
+        /// The units that are known.
+        units: String,
     },
     /// A unit of another kind, or none that is known.
     #[error("`{unit}` is not a unit of {what}: use {units}, as in `{example}`")]
@@ -82,6 +84,7 @@ impl Kind {
                 text: text.to_owned(),
                 what: self.what,
                 example: format!("{trimmed}{usual}"),
+                units: self.unit_names(),
             });
         }
         let factor = self
@@ -92,15 +95,15 @@ impl Kind {
         let factor = factor.ok_or_else(|| QuantityError::WrongUnit {
             unit: unit.to_owned(),
             what: self.what,
-            units: self
-                .units
-                .iter()
-                .map(|(name, _)| format!("`{name}`"))
-                .collect::<Vec<_>>()
-                .join(", "),
+            units: self.unit_names(),
             example: self.example,
         })?;
         Ok(value * factor)
+    }
+
+    fn unit_names(&self) -> String {
+        let names: Vec<_> = self.units.iter().map(|(name, _)| format!("`{name}`")).collect();
+        names.join(", ")
     }
 
     fn not_a_number(&self, text: &str) -> QuantityError {
@@ -439,7 +442,10 @@ mod tests {
     #[test]
     fn a_number_without_its_unit_is_refused_and_told_what_to_write() {
         let error = "10".parse::<TimeSpan>().unwrap_err();
-        assert_eq!(error.to_string(), "`10` has no unit: write a duration as `10ms`");
+        assert_eq!(
+            error.to_string(),
+            "`10` has no unit: write a duration as `10ms`; the units are `ns`, `us`, `ms`, `s`, `min`, `h`"
+        );
         let error = serde_json::from_str::<BitRate>("10").unwrap_err();
         assert!(
             error

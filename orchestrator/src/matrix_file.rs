@@ -1,0 +1,447 @@
+//! The matrix file: text -> a tree with positions -> profile laid on top -> values of the types that own them. The main
+//! type is [`MatrixFile`].
+//!
+//! Everything that can be wrong with a text alone is found here, in one go, as [`Diagnostics`]: each says file, line and
+//! column, shows the line, and proposes what to write. `docs/matrix-file.md` is the user's description.
+
+mod axes;
+pub mod diagnostic;
+mod hosts;
+mod schema;
+pub mod source;
+mod spelling;
+mod sweep;
+mod tree;
+mod typing;
+
+use std::{fs::File, io::Read, path::Path, sync::Arc};
+
+use reports::settings::ReportSettings;
+use workload::settings::{Settings, SettingsProblem};
+
+pub use axes::{Assignment, Axes, Axis, AxisValue, Exclude, Include};
+pub use diagnostic::{Code, Diagnostic, Diagnostics, Severity};
+pub use hosts::{Connection, Host, Ssh, SshAddress, THIS_MACHINE};
+pub use schema::schema;
+pub(crate) use spelling::{did_you_mean, list, propose};
+pub(crate) use sweep::{HARDWARE, OS, Role, VIRTUALIZATION};
+
+use crate::provider::ProviderSettings;
+use source::{Source, Span, Spanned};
+use tree::{Content, Node};
+
+const MATRIX: &str = "matrix";
+const HOSTS: &str = "hosts";
+const WORKLOAD: &str = "workload";
+const REPORT: &str = "report";
+const PROVIDERS: &str = "providers";
+const PROFILES: &str = "profiles";
+
+/// The sections of a matrix file.
+const SECTIONS: [&str; 6] = [MATRIX, HOSTS, WORKLOAD, REPORT, PROVIDERS, PROFILES];
+/// The sections that a profile can override.
+const IN_PROFILES: [&str; 4] = [MATRIX, WORKLOAD, REPORT, PROVIDERS];
+
+/// A matrix file that makes sense, with one of its profiles applied or none.
+#[derive(Debug, Clone, PartialEq)]
+pub struct MatrixFile {
+    /// The text.
+    pub source: Arc<Source>,
+    /// The profile that is applied.
+    pub profile: Option<String>,
+    /// The profiles that there are.
+    pub profiles: Vec<String>,
+    /// Axes, excludes and includes.
+    pub matrix: Axes,
+    /// The machines; this one if the file names none.
+    pub hosts: Vec<Host>,
+    /// The workload's settings, without any sweep.
+    pub workload: Settings,
+    /// How the tables are made.
+    pub report: ReportSettings,
+    /// What only one provider knows.
+    pub providers: ProviderSettings,
+    /// What is odd and yet no error.
+    pub warnings: Diagnostics,
+    /// The whole file with the profile applied: where things stand, and what sweeps are laid on.
+    tree: Node,
+}
+
+/// The workload's settings with the sweeps of one scenario, and where each of them stands.
+#[derive(Debug, Clone)]
+pub struct SweptSettings {
+    /// The settings.
+    pub settings: Settings,
+    tree: Node,
+}
+
+impl SweptSettings {
+    /// A problem of these settings, at its place in the file.
+    #[must_use]
+    pub fn diagnose(&self, file: &MatrixFile, problem: &SettingsProblem) -> Diagnostic {
+        let stands = self
+            .tree
+            .entry_at(problem.path)
+            .is_some_and(|entry| entry.key.span != Span::default());
+        let span = self
+            .tree
+            .locate(problem.path)
+            .unwrap_or_else(|| file.place_of(WORKLOAD));
+        // A setting that is left out has no place of its own.
+        let label = if stands {
+            String::new()
+        } else {
+            format!("`{}` belongs here", problem.path)
+        };
+        Diagnostic::error(&file.source, Code::InvalidValue, span, problem.message.as_str())
+            .label(label)
+            .help(problem.hint.as_str())
+    }
+}
+
+impl MatrixFile {
+    /// Reads a file and applies a profile.
+    ///
+    /// # Errors
+    /// All that is wrong with it.
+    pub fn read(path: &Path, profile: Option<&str>) -> Result<Self, Diagnostics> {
+        let name = path.display().to_string();
+        // One byte more than is allowed, so that a file that is too large is seen to be, whatever its size.
+        let limit = u64::try_from(tree::BYTES + 1).unwrap_or(u64::MAX);
+        let mut bytes = Vec::new();
+        File::open(path)
+            .and_then(|file| file.take(limit).read_to_end(&mut bytes))
+            .map_err(|error| unreadable(&name, &error))?;
+        Self::parse(&name, &bytes, profile)
+    }
+
+    /// Reads a text under a name and applies a profile.
+    ///
+    /// # Errors
+    /// All that is wrong with it.
+    pub fn parse(name: &str, bytes: &[u8], profile: Option<&str>) -> Result<Self, Diagnostics> {
+        let source = Arc::new(decode(name, bytes)?);
+        let tree = tree::parse(&source)?;
+        let mut found = Diagnostics::new();
+        check_sections(&source, &tree, &mut found);
+        if !matches!(tree.content, Content::Mapping(_)) {
+            return Err(found);
+        }
+        let profiles = read_profiles(&source, &tree, &mut found);
+        let chosen = match profile.map(|profile| choose(&profiles, profile)).transpose() {
+            Ok(chosen) => chosen,
+            Err(unknown) => {
+                found.push(*unknown);
+                None
+            }
+        };
+        let base = Self::typed(&source, tree.clone(), &mut found);
+        let mut file = base;
+        // Every profile is read, so that the one for next week is not found wrong next week.
+        for candidate in &profiles {
+            let mut over = tree.clone();
+            over.overlay(candidate.node);
+            let mut in_profile = Diagnostics::new();
+            let read = Self::typed(&source, over, &mut in_profile);
+            let is_chosen = chosen.is_some_and(|chosen| std::ptr::eq(chosen, candidate));
+            add_in_profile(&mut found, in_profile, candidate, is_chosen);
+            if is_chosen {
+                file = read;
+            }
+        }
+        file.profile = chosen.map(|chosen| chosen.name.value.clone());
+        file.profiles = profiles
+            .iter()
+            .map(|profile| profile.name.value.clone())
+            .collect();
+        let (mut file, warnings) = found.unless_errors(file)?;
+        file.warnings = warnings;
+        Ok(file)
+    }
+
+    /// Reads the sections of a tree. What is wrong goes to `found`, and is in the result as if it had been left out.
+    fn typed(source: &Arc<Source>, tree: Node, found: &mut Diagnostics) -> Self {
+        let nothing = Node::empty_mapping(Span::default());
+        let section = |name: &str| tree.entry(name).map_or(&nothing, |entry| &entry.value);
+        let matrix = axes::read(source, section(MATRIX), found);
+        let hosts = match tree.entry(HOSTS) {
+            Some(entry) => hosts::read(source, &entry.value, found),
+            None => hosts::this_machine(),
+        };
+        let workload = or_default(typing::read::<Settings>(source, section(WORKLOAD)), found);
+        let report = or_default(typing::read::<ReportSettings>(source, section(REPORT)), found);
+        let providers = or_default(
+            typing::read::<ProviderSettings>(source, section(PROVIDERS)),
+            found,
+        );
+        let file = Self {
+            source: Arc::clone(source),
+            profile: None,
+            profiles: Vec::new(),
+            matrix,
+            hosts,
+            workload,
+            report,
+            providers,
+            warnings: Diagnostics::new(),
+            tree,
+        };
+        file.check_sweeps(found);
+        file.check_report(found);
+        file
+    }
+
+    /// Every value of every sweep by itself, so that a wrong unit is found even in a scenario that is excluded.
+    fn check_sweeps(&self, found: &mut Diagnostics) {
+        let rules = self.matrix.excludes.iter().map(|exclude| &exclude.values);
+        let rules = rules.chain(self.matrix.includes.iter().map(|include| &include.values));
+        let in_rules = rules
+            .flatten()
+            .map(|assignment| (&assignment.axis, &assignment.value));
+        let on_axes = self
+            .matrix
+            .axes
+            .iter()
+            .flat_map(|axis| axis.values.iter().map(|value| (&axis.name, value)));
+        for (name, value) in on_axes.chain(in_rules) {
+            if Role::of(&name.value) == Ok(Role::Sweep) {
+                if let Err(wrong) = self.swept([(name.value.as_str(), value)]) {
+                    found.extend(wrong);
+                }
+            }
+        }
+    }
+
+    fn check_report(&self, found: &mut Diagnostics) {
+        let alpha = self.report.alpha;
+        if !(alpha > 0.0 && alpha < 1.0) {
+            let span = self.place_of("report.alpha");
+            found.push(
+                Diagnostic::error(
+                    &self.source,
+                    Code::InvalidValue,
+                    span,
+                    format!("α cannot be {alpha}"),
+                )
+                .help("write a number between 0 and 1, such as `0.001`"),
+            );
+        }
+    }
+
+    /// The workload's settings with sweeps applied: pairs of a setting's dotted path and its value.
+    ///
+    /// # Errors
+    /// A value that its setting does not take, at the value's place.
+    pub fn swept<'a>(
+        &self,
+        sweeps: impl IntoIterator<Item = (&'a str, &'a AxisValue)>,
+    ) -> Result<SweptSettings, Diagnostics> {
+        // On top of what is meant when it is left out: `control.angle.kp` alone would have no `kd` beside it.
+        let mut tree = serde_json::to_value(&self.workload)
+            .map_or(Node::empty_mapping(Span::default()), |workload| {
+                Node::of_json(&workload)
+            });
+        if let Some(entry) = self.tree.entry(WORKLOAD).filter(|entry| !entry.value.is_null()) {
+            tree.overlay(&entry.value);
+        }
+        for (path, value) in sweeps {
+            tree.insert(path, value.node.span, value.node.clone());
+        }
+        let settings = typing::read(&self.source, &tree)?;
+        Ok(SweptSettings { settings, tree })
+    }
+
+    /// Where the key stands that a dotted path leads to, or the longest part of it that does; else the beginning.
+    #[must_use]
+    pub fn place_of_key(&self, path: &str) -> Span {
+        let key = self.tree.entry_at(path).map(|entry| entry.key.span);
+        key.unwrap_or_else(|| self.place_of(path))
+    }
+
+    /// Where a dotted path stands in the file, or the longest part of it that does; else the beginning.
+    #[must_use]
+    pub fn place_of(&self, path: &str) -> Span {
+        self.tree.locate(path).unwrap_or_default()
+    }
+}
+
+/// A profile, as it is written.
+struct Profile<'a> {
+    name: &'a Spanned<String>,
+    node: &'a Node,
+}
+
+fn or_default<T: Default>(read: Result<T, Diagnostics>, found: &mut Diagnostics) -> T {
+    read.unwrap_or_else(|wrong| {
+        found.extend(wrong);
+        T::default()
+    })
+}
+
+fn unreadable(name: &str, error: &std::io::Error) -> Diagnostics {
+    let help = match error.kind() {
+        std::io::ErrorKind::NotFound => "check the name; `matrix.yaml` of this project is one to begin with",
+        std::io::ErrorKind::IsADirectory => "name the file in it",
+        _ => "check who may read it",
+    };
+    // There is no text to show: the name is what was written wrong.
+    let source = Arc::new(Source::new("FILE", name));
+    let span = Span {
+        start: 0,
+        end: name.len(),
+    };
+    Diagnostic::error(
+        &source,
+        Code::Unreadable,
+        span,
+        format!("cannot read `{name}`: {error}"),
+    )
+    .help(help)
+    .into()
+}
+
+fn decode(name: &str, bytes: &[u8]) -> Result<Source, Diagnostics> {
+    if bytes.len() > tree::BYTES {
+        let beginning = String::from_utf8_lossy(bytes.get(..80).unwrap_or_default()).into_owned();
+        let source = Arc::new(Source::new(name, beginning));
+        let message = format!("the file is larger than {} KiB", tree::BYTES / 1024);
+        return Err(
+            Diagnostic::error(&source, Code::TooLarge, Span { start: 0, end: 1 }, message)
+                .help("a matrix file of a thousand scenarios has some 50 KiB; is this one?")
+                .into(),
+        );
+    }
+    match std::str::from_utf8(bytes) {
+        // A byte order mark is legal, and would shift every column.
+        Ok(text) => Ok(Source::new(name, text.strip_prefix('\u{feff}').unwrap_or(text))),
+        Err(error) => {
+            let start = error.valid_up_to();
+            let source = Arc::new(Source::new(name, String::from_utf8_lossy(bytes)));
+            let span = Span {
+                start,
+                end: start + '\u{fffd}'.len_utf8(),
+            };
+            Err(
+                Diagnostic::error(&source, Code::NotUtf8, span, "the file is not text in UTF-8")
+                    .label("not UTF-8 from here")
+                    .help("save it as UTF-8; `iconv -f latin1 -t utf8` converts an old one")
+                    .into(),
+            )
+        }
+    }
+}
+
+fn check_sections(source: &Arc<Source>, tree: &Node, found: &mut Diagnostics) {
+    if !matches!(tree.content, Content::Mapping(_)) {
+        let message = format!("a matrix file is sections with settings, not {}", tree.describe());
+        found.push(
+            Diagnostic::error(source, Code::WrongType, tree.span, message)
+                .help("begin with `matrix:`, as in `matrix: {virtualization: [native, docker]}`"),
+        );
+        return;
+    }
+    check_keys(source, tree, &SECTIONS, found);
+    let misspelt = |entry: &tree::Entry| did_you_mean(&entry.key.value, SECTIONS) == Some(MATRIX);
+    if tree.entry(MATRIX).is_none() && !tree.entries().iter().any(misspelt) {
+        found.push(
+            Diagnostic::error(source, Code::MissingKey, Span::default(), "there is no `matrix:`")
+                .help("add `matrix:` with the axes, as in `matrix: {virtualization: [native, docker]}`"),
+        );
+    }
+}
+
+fn check_keys(source: &Arc<Source>, node: &Node, known: &[&str], found: &mut Diagnostics) {
+    for entry in node.entries() {
+        let key = entry.key.value.as_str();
+        if !known.contains(&key) {
+            found.push(
+                Diagnostic::error(
+                    source,
+                    Code::UnknownKey,
+                    entry.key.span,
+                    format!("there is no key `{key}` here"),
+                )
+                .label("unknown key")
+                .help(propose(key, known.iter().copied())),
+            );
+        }
+    }
+}
+
+fn read_profiles<'a>(source: &Arc<Source>, tree: &'a Node, found: &mut Diagnostics) -> Vec<Profile<'a>> {
+    let Some(section) = tree.entry(PROFILES) else {
+        return Vec::new();
+    };
+    let mut profiles = Vec::new();
+    let is_mapping = |node: &Node| node.is_null() || matches!(node.content, Content::Mapping(_));
+    let mut wrong = |node: &Node, help: &str| {
+        let message = format!("keys with values belong here, not {}", node.describe());
+        found.push(Diagnostic::error(source, Code::WrongType, node.span, message).help(help));
+    };
+    if !is_mapping(&section.value) {
+        wrong(
+            &section.value,
+            "write names of profiles, as in `quick: {workload: {window: 32s}}`",
+        );
+    }
+    for entry in section.value.entries() {
+        if is_mapping(&entry.value) {
+            profiles.push(Profile {
+                name: &entry.key,
+                node: &entry.value,
+            });
+        } else {
+            wrong(
+                &entry.value,
+                "write the sections that the profile overrides, as in `workload: {window: 32s}`",
+            );
+        }
+    }
+    for profile in &profiles {
+        check_keys(source, profile.node, &IN_PROFILES, found);
+    }
+    profiles
+}
+
+fn choose<'a, 'b>(profiles: &'b [Profile<'a>], name: &str) -> Result<&'b Profile<'a>, Box<Diagnostic>> {
+    let known = || profiles.iter().map(|profile| profile.name.value.as_str());
+    profiles
+        .iter()
+        .find(|profile| profile.name.value == name)
+        .ok_or_else(|| {
+            let source = Arc::new(Source::new("--profile", name));
+            let span = Span {
+                start: 0,
+                end: name.len(),
+            };
+            let error = Diagnostic::error(
+                &source,
+                Code::UnknownProfile,
+                span,
+                format!("the matrix file has no profile `{name}`"),
+            );
+            let help = if profiles.is_empty() {
+                "it has no `profiles:` at all: leave the option out".to_owned()
+            } else {
+                propose(name, known().collect::<Vec<_>>())
+            };
+            Box::new(error.help(help))
+        })
+}
+
+/// What only shows with a profile names it; the warnings of a profile that is not chosen concern nobody now.
+fn add_in_profile(found: &mut Diagnostics, in_profile: Diagnostics, profile: &Profile<'_>, is_chosen: bool) {
+    for diagnostic in in_profile {
+        let known = found
+            .iter()
+            .any(|known| known.span() == diagnostic.span() && known.message == diagnostic.message);
+        if known || !(is_chosen || diagnostic.severity == Severity::Error) {
+            continue;
+        }
+        let name = profile.name;
+        found.push(diagnostic.also(name.span, format!("with the profile `{}`", name.value)));
+    }
+}
+
+#[cfg(test)]
+mod tests;

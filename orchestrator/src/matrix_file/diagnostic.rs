@@ -1,0 +1,354 @@
+//! What is wrong with what a person wrote, where, and what to write instead. The main type is [`Diagnostic`].
+//!
+//! Every diagnostic shows the line and underlines the place, drawn by `annotate-snippets` as rustc draws its own.
+
+use std::{error::Error, fmt, sync::Arc};
+
+use annotate_snippets::{AnnotationKind, Group, Level, Renderer, Snippet};
+use serde_json::{Value, json};
+
+use super::source::{Source, Span};
+
+/// How bad it is.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
+pub enum Severity {
+    /// Nothing runs until it is mended.
+    Error,
+    /// It runs, though perhaps not as meant.
+    Warning,
+}
+
+impl Severity {
+    /// `error` or `warning`.
+    #[must_use]
+    pub const fn name(self) -> &'static str {
+        match self {
+            Self::Error => "error",
+            Self::Warning => "warning",
+        }
+    }
+
+    fn level(self) -> Level<'static> {
+        match self {
+            Self::Error => Level::ERROR,
+            Self::Warning => Level::WARNING,
+        }
+    }
+}
+
+/// What kind of mistake it is, under a name that stays the same for programs that read it.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
+pub enum Code {
+    /// The file cannot be read at all.
+    Unreadable,
+    /// The file is larger or deeper than any matrix file.
+    TooLarge,
+    /// The file is not text in UTF-8.
+    NotUtf8,
+    /// The file is not YAML.
+    NotYaml,
+    /// There is nothing in it.
+    Empty,
+    /// The same key twice in one place.
+    DuplicateKey,
+    /// A key that means nothing there.
+    UnknownKey,
+    /// A key that must be there is not.
+    MissingKey,
+    /// A value of another kind than wanted.
+    WrongType,
+    /// A value that does not do: a wrong unit, out of range, or not fitting another setting.
+    InvalidValue,
+    /// None of the values that are known.
+    UnknownValue,
+    /// An axis without values.
+    EmptyAxis,
+    /// An axis that changes nothing.
+    LabelAxis,
+    /// The same scenario twice.
+    DuplicateScenario,
+    /// An include that changes nothing.
+    IdleInclude,
+    /// An exclude that matches nothing.
+    IdleExclude,
+    /// An exclude that does not say why.
+    NoReason,
+    /// More scenarios than anybody measures.
+    TooManyScenarios,
+    /// A profile that is not in the file.
+    UnknownProfile,
+    /// `--only` or `--skip` with a pattern that matches nothing.
+    EmptySelection,
+    /// Samples too small for the tests to ever reject.
+    NeverRejects,
+}
+
+impl Code {
+    /// Its name, such as `unknown-key`.
+    #[must_use]
+    pub const fn name(self) -> &'static str {
+        match self {
+            Self::Unreadable => "unreadable",
+            Self::TooLarge => "too-large",
+            Self::NotUtf8 => "not-utf8",
+            Self::NotYaml => "not-yaml",
+            Self::Empty => "empty",
+            Self::DuplicateKey => "duplicate-key",
+            Self::UnknownKey => "unknown-key",
+            Self::MissingKey => "missing-key",
+            Self::WrongType => "wrong-type",
+            Self::InvalidValue => "invalid-value",
+            Self::UnknownValue => "unknown-value",
+            Self::EmptyAxis => "empty-axis",
+            Self::LabelAxis => "label-axis",
+            Self::DuplicateScenario => "duplicate-scenario",
+            Self::IdleInclude => "idle-include",
+            Self::IdleExclude => "idle-exclude",
+            Self::NoReason => "no-reason",
+            Self::TooManyScenarios => "too-many-scenarios",
+            Self::UnknownProfile => "unknown-profile",
+            Self::EmptySelection => "empty-selection",
+            Self::NeverRejects => "never-rejects",
+        }
+    }
+}
+
+/// A place and what is to be said of it.
+#[derive(Debug, Clone, PartialEq, Eq)]
+struct Label {
+    span: Span,
+    text: String,
+}
+
+/// One mistake.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct Diagnostic {
+    /// How bad.
+    pub severity: Severity,
+    /// Of what kind.
+    pub code: Code,
+    /// What is wrong, in one sentence.
+    pub message: String,
+    /// What to write instead.
+    pub help: Option<String>,
+    source: Arc<Source>,
+    label: Label,
+    others: Vec<Label>,
+}
+
+impl Diagnostic {
+    /// An error at a place.
+    pub fn error(source: &Arc<Source>, code: Code, span: Span, message: impl Into<String>) -> Self {
+        Self {
+            severity: Severity::Error,
+            code,
+            message: message.into(),
+            help: None,
+            source: Arc::clone(source),
+            label: Label {
+                span,
+                text: String::new(),
+            },
+            others: Vec::new(),
+        }
+    }
+
+    /// A warning at a place.
+    pub fn warning(source: &Arc<Source>, code: Code, span: Span, message: impl Into<String>) -> Self {
+        Self {
+            severity: Severity::Warning,
+            ..Self::error(source, code, span, message)
+        }
+    }
+
+    /// With what stands under the place.
+    #[must_use]
+    pub fn label(mut self, text: impl Into<String>) -> Self {
+        self.label.text = text.into();
+        self
+    }
+
+    /// With another place that has to do with it.
+    #[must_use]
+    pub fn also(mut self, span: Span, text: impl Into<String>) -> Self {
+        self.others.push(Label {
+            span,
+            text: text.into(),
+        });
+        self
+    }
+
+    /// With what to write instead.
+    #[must_use]
+    pub fn help(mut self, help: impl Into<String>) -> Self {
+        self.help = Some(help.into());
+        self
+    }
+
+    /// The text that it is about.
+    #[must_use]
+    pub fn source_name(&self) -> &str {
+        self.source.name()
+    }
+
+    /// Where it is in that text, in bytes.
+    #[must_use]
+    pub const fn span(&self) -> Span {
+        self.label.span
+    }
+
+    /// As a person reads it, several lines without a newline at the end.
+    #[must_use]
+    pub fn render(&self, renderer: &Renderer) -> String {
+        let name = self.source.name();
+        let snippet = Snippet::source(self.source.text())
+            .path(name)
+            .annotation(
+                AnnotationKind::Primary
+                    .span(self.source.first_line_of(self.label.span).range())
+                    .label(self.label.text.as_str()),
+            )
+            .annotations(self.others.iter().map(|other| {
+                AnnotationKind::Context
+                    .span(self.source.first_line_of(other.span).range())
+                    .label(other.text.as_str())
+            }));
+        // The title is ours, but parts of it come from the file: no control character may reach the terminal.
+        let title = annotate_snippets::normalize_untrusted_str(&self.message);
+        let mut group = Group::with_title(self.severity.level().primary_title(title).id(self.code.name()))
+            .element(snippet);
+        if let Some(help) = &self.help {
+            group = group.element(Level::HELP.message(annotate_snippets::normalize_untrusted_str(help)));
+        }
+        renderer.render(&[group])
+    }
+
+    /// As a program reads it: severity, code, message, file, line and column from 1, help, and the other places.
+    #[must_use]
+    pub fn to_json(&self) -> Value {
+        let from = self.source.place(self.label.span.start);
+        let to = self.source.place(self.label.span.end);
+        let others: Vec<_> = self
+            .others
+            .iter()
+            .map(|other| {
+                let place = self.source.place(other.span.start);
+                json!({ "line": place.line, "column": place.column, "text": other.text })
+            })
+            .collect();
+        json!({
+            "severity": self.severity.name(),
+            "code": self.code.name(),
+            "message": self.message,
+            "file": self.source.name(),
+            "line": from.line,
+            "column": from.column,
+            "end_line": to.line,
+            "end_column": to.column,
+            "text": self.source.line(from.line),
+            "label": self.label.text,
+            "help": self.help,
+            "others": others,
+        })
+    }
+}
+
+/// One or more mistakes, in the order of the text.
+#[derive(Debug, Clone, Default, PartialEq, Eq)]
+pub struct Diagnostics(Vec<Diagnostic>);
+
+impl Diagnostics {
+    /// None yet.
+    #[must_use]
+    pub const fn new() -> Self {
+        Self(Vec::new())
+    }
+
+    /// One more, unless the very same is there: profiles are read on top of the same file, and find its mistakes again.
+    pub fn push(&mut self, diagnostic: Diagnostic) {
+        if !self.0.contains(&diagnostic) {
+            self.0.push(diagnostic);
+        }
+    }
+
+    /// All of them.
+    pub fn iter(&self) -> impl Iterator<Item = &Diagnostic> {
+        self.0.iter()
+    }
+
+    /// Whether there are none.
+    #[must_use]
+    pub fn is_empty(&self) -> bool {
+        self.0.is_empty()
+    }
+
+    /// Whether one of them is an error.
+    #[must_use]
+    pub fn has_errors(&self) -> bool {
+        self.0
+            .iter()
+            .any(|diagnostic| diagnostic.severity == Severity::Error)
+    }
+
+    /// These if one of them is an error, `value` and the warnings if none is.
+    ///
+    /// # Errors
+    /// These, in the order of the text.
+    pub fn unless_errors<T>(mut self, value: T) -> Result<(T, Self), Self> {
+        self.0
+            .sort_by_key(|diagnostic| (diagnostic.severity, diagnostic.label.span));
+        if self.has_errors() {
+            Err(self)
+        } else {
+            Ok((value, self))
+        }
+    }
+
+    /// As a person reads them. [`Renderer::plain`] has no colours and says the same on every terminal.
+    #[must_use]
+    pub fn render(&self, renderer: &Renderer) -> String {
+        let rendered: Vec<_> = self
+            .0
+            .iter()
+            .map(|diagnostic| diagnostic.render(renderer))
+            .collect();
+        rendered.join("\n\n")
+    }
+
+    /// As a program reads them: a list.
+    #[must_use]
+    pub fn to_json(&self) -> Value {
+        self.0.iter().map(Diagnostic::to_json).collect()
+    }
+}
+
+impl Extend<Diagnostic> for Diagnostics {
+    fn extend<I: IntoIterator<Item = Diagnostic>>(&mut self, diagnostics: I) {
+        for diagnostic in diagnostics {
+            self.push(diagnostic);
+        }
+    }
+}
+
+impl IntoIterator for Diagnostics {
+    type Item = Diagnostic;
+    type IntoIter = std::vec::IntoIter<Diagnostic>;
+
+    fn into_iter(self) -> Self::IntoIter {
+        self.0.into_iter()
+    }
+}
+
+impl From<Diagnostic> for Diagnostics {
+    fn from(diagnostic: Diagnostic) -> Self {
+        Self(vec![diagnostic])
+    }
+}
+
+impl fmt::Display for Diagnostics {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str(&self.render(&Renderer::plain()))
+    }
+}
+
+impl Error for Diagnostics {}

@@ -1,0 +1,348 @@
+//! The `hosts:` section: which machines there are, what they offer, how they are reached. The main type is [`Host`].
+
+use std::{fmt, path::PathBuf, str::FromStr, sync::Arc};
+
+use schemars::JsonSchema;
+use serde::{
+    Deserialize, Deserializer,
+    de::{self, value::MapAccessDeserializer},
+};
+
+use super::{
+    diagnostic::{Code, Diagnostic, Diagnostics},
+    source::{Source, Span, Spanned},
+    tree::{Content, Node},
+    typing,
+};
+
+/// The name of the host that is meant when the file names none.
+pub const THIS_MACHINE: &str = "local";
+
+/// A machine.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Host {
+    /// Its name in the file.
+    pub name: Spanned<String>,
+    /// The hardware it offers; read from the machine when it is left out.
+    pub hardware: Option<String>,
+    /// The operating system it offers; read from the machine when it is left out.
+    pub os: Option<String>,
+    /// How it is reached.
+    pub connection: Connection,
+}
+
+/// How a host is reached.
+#[derive(Debug, Clone, Default, PartialEq, Eq)]
+pub enum Connection {
+    /// It is this machine.
+    #[default]
+    Local,
+    /// Over SSH.
+    Ssh(Ssh),
+}
+
+/// What a connection over SSH needs to know.
+#[derive(Debug, Clone, PartialEq, Eq, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields)]
+pub struct Ssh {
+    /// Where to, as `user@host:port`.
+    #[serde(rename = "ssh")]
+    pub address: SshAddress,
+    /// The private key's file; the agent's keys when left out.
+    #[serde(default)]
+    pub identity: Option<PathBuf>,
+    /// A host to go through.
+    #[serde(default)]
+    pub jump: Option<SshAddress>,
+}
+
+/// `user@host:port`, user and port optional, an IPv6 address in brackets.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct SshAddress {
+    /// Who to be there.
+    pub user: Option<String>,
+    /// The host's name or address.
+    pub host: String,
+    /// The port, 22 when left out.
+    pub port: Option<u16>,
+}
+
+/// Why a text is no SSH address. `what is wrong: what to write`, as all errors of values are.
+#[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
+#[error("`{text}` is not an SSH address, {why}: write `user@host` or `user@host:port`")]
+pub struct SshAddressError {
+    text: String,
+    why: &'static str,
+}
+
+impl FromStr for SshAddress {
+    type Err = SshAddressError;
+
+    fn from_str(text: &str) -> Result<Self, SshAddressError> {
+        let error = |why| SshAddressError {
+            text: text.to_owned(),
+            why,
+        };
+        // Words end up as arguments of `ssh`: one that begins with a dash would be an option.
+        let word = |word: &str| {
+            !word.is_empty()
+                && !word.starts_with('-')
+                && word
+                    .chars()
+                    .all(|c| c.is_ascii_alphanumeric() || matches!(c, '.' | '_' | '-'))
+        };
+        let rest = text.strip_prefix("ssh://").unwrap_or(text);
+        let (user, rest) = rest
+            .rsplit_once('@')
+            .map_or((None, rest), |(user, rest)| (Some(user), rest));
+        if user.is_some_and(|user| !word(user)) {
+            return Err(error("for its user is not a word"));
+        }
+        let (host, port) = match rest.strip_prefix('[').and_then(|rest| rest.split_once(']')) {
+            Some((address, after)) => {
+                address
+                    .parse::<std::net::Ipv6Addr>()
+                    .map_err(|_| error("for there is no IPv6 address in the brackets"))?;
+                let port = if after.is_empty() {
+                    None
+                } else {
+                    Some(after.strip_prefix(':').unwrap_or(""))
+                };
+                (address, port)
+            }
+            None => {
+                let (host, port) = rest
+                    .split_once(':')
+                    .map_or((rest, None), |(host, port)| (host, Some(port)));
+                if !word(host) {
+                    return Err(error("for its host is not a name"));
+                }
+                (host, port)
+            }
+        };
+        let port = match port.map(str::parse::<u16>) {
+            None => None,
+            Some(Ok(port)) if port != 0 => Some(port),
+            Some(_) => return Err(error("for its port is not a number from 1 to 65535")),
+        };
+        Ok(Self {
+            user: user.map(str::to_owned),
+            host: host.to_owned(),
+            port,
+        })
+    }
+}
+
+impl fmt::Display for SshAddress {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        if let Some(user) = &self.user {
+            write!(f, "{user}@")?;
+        }
+        if self.host.contains(':') {
+            write!(f, "[{}]", self.host)?;
+        } else {
+            write!(f, "{}", self.host)?;
+        }
+        self.port.map_or(Ok(()), |port| write!(f, ":{port}"))
+    }
+}
+
+impl<'de> Deserialize<'de> for SshAddress {
+    fn deserialize<D: Deserializer<'de>>(deserializer: D) -> Result<Self, D::Error> {
+        String::deserialize(deserializer)?
+            .parse()
+            .map_err(de::Error::custom)
+    }
+}
+
+impl JsonSchema for SshAddress {
+    fn schema_name() -> std::borrow::Cow<'static, str> {
+        "SshAddress".into()
+    }
+
+    fn json_schema(_: &mut schemars::SchemaGenerator) -> schemars::Schema {
+        schemars::json_schema!({
+            "type": "string",
+            "description": "`user@host:port`; user and port may be left out",
+            "pattern": r"^(ssh://)?([A-Za-z0-9._][A-Za-z0-9._-]*@)?([A-Za-z0-9._][A-Za-z0-9._-]*|\[[0-9a-fA-F:.]+\])(:[0-9]+)?$",
+            "examples": ["ubuntu@lab1.example.org:22"],
+        })
+    }
+}
+
+impl<'de> Deserialize<'de> for Connection {
+    fn deserialize<D: Deserializer<'de>>(deserializer: D) -> Result<Self, D::Error> {
+        struct Visitor;
+        impl<'de> de::Visitor<'de> for Visitor {
+            type Value = Connection;
+
+            fn expecting(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+                f.write_str("`local` or `{ssh: user@host}`")
+            }
+
+            fn visit_str<E: de::Error>(self, text: &str) -> Result<Connection, E> {
+                match text {
+                    "local" => Ok(Connection::Local),
+                    address if address.contains('@') => Err(E::custom(format_args!(
+                        "an address stands here without the way to it: write `{{ssh: {address}}}`"
+                    ))),
+                    other => Err(E::custom(format_args!(
+                        "`{other}` is no way to reach a host: write `local` or `{{ssh: user@host}}`"
+                    ))),
+                }
+            }
+
+            fn visit_unit<E: de::Error>(self) -> Result<Connection, E> {
+                Ok(Connection::Local)
+            }
+
+            fn visit_map<A: de::MapAccess<'de>>(self, map: A) -> Result<Connection, A::Error> {
+                Ssh::deserialize(MapAccessDeserializer::new(map)).map(Connection::Ssh)
+            }
+        }
+        deserializer.deserialize_any(Visitor)
+    }
+}
+
+impl JsonSchema for Connection {
+    fn schema_name() -> std::borrow::Cow<'static, str> {
+        "Connection".into()
+    }
+
+    fn json_schema(generator: &mut schemars::SchemaGenerator) -> schemars::Schema {
+        let ssh = generator.subschema_for::<Ssh>();
+        schemars::json_schema!({
+            "description": "`local` for this machine, or how to reach it over SSH",
+            "anyOf": [{ "const": "local" }, ssh],
+        })
+    }
+}
+
+/// One entry of the section, as it is written.
+#[derive(Debug, Default, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields, default)]
+#[schemars(rename = "Host")]
+pub(super) struct HostEntry {
+    /// The hardware it offers, such as `i686`; read from this machine when left out.
+    hardware: Option<String>,
+    /// The operating system it offers, such as `ubuntu`; read from this machine when left out.
+    os: Option<String>,
+    /// How it is reached.
+    connect: Connection,
+}
+
+/// The hosts when the file has no such section: this machine.
+#[must_use]
+pub fn this_machine() -> Vec<Host> {
+    vec![Host {
+        name: Spanned::new(THIS_MACHINE.to_owned(), Span::default()),
+        hardware: None,
+        os: None,
+        connection: Connection::Local,
+    }]
+}
+
+/// Reads the section. What is wrong goes to `found`.
+pub fn read(source: &Arc<Source>, node: &Node, found: &mut Diagnostics) -> Vec<Host> {
+    if !matches!(node.content, Content::Mapping(_)) || node.entries().is_empty() {
+        let message = format!("names of hosts belong here, not {}", node.describe());
+        found.push(
+            Diagnostic::error(source, Code::WrongType, node.span, message).help(
+                "write `lab1: {hardware: …, os: …, connect: local}`, or leave `hosts:` out for this machine",
+            ),
+        );
+        return Vec::new();
+    }
+    let mut hosts = Vec::new();
+    for entry in node.entries() {
+        check_name(source, &entry.key, found);
+        match typing::read::<HostEntry>(source, &entry.value) {
+            Ok(host) => hosts.push(Host {
+                name: entry.key.clone(),
+                hardware: host.hardware,
+                os: host.os,
+                connection: host.connect,
+            }),
+            Err(wrong) => found.extend(wrong),
+        }
+    }
+    for host in &hosts {
+        check_offer(source, host, found);
+    }
+    hosts
+}
+
+/// Names become names of locks and of files.
+fn check_name(source: &Arc<Source>, name: &Spanned<String>, found: &mut Diagnostics) {
+    let text = &name.value;
+    let safe = |c: char| c.is_ascii_alphanumeric() || matches!(c, '.' | '_' | '-');
+    if text.is_empty() || text.len() > 63 || text.starts_with(['.', '-']) || !text.chars().all(safe) {
+        found.push(
+            Diagnostic::error(
+                source,
+                Code::InvalidValue,
+                name.span,
+                format!("`{text}` is no name for a host"),
+            )
+            .help("use letters, digits, `-`, `_` and `.`, at most 63, a letter or digit first"),
+        );
+    }
+}
+
+/// What cannot be read from the machine must be said.
+fn check_offer(source: &Arc<Source>, host: &Host, found: &mut Diagnostics) {
+    if host.connection == Connection::Local {
+        return;
+    }
+    for (key, value, example) in [("hardware", &host.hardware, "i686"), ("os", &host.os, "ubuntu")] {
+        if value.is_none() {
+            let message = format!("the host `{}` does not say its `{key}`", host.name.value);
+            found.push(
+                Diagnostic::error(source, Code::MissingKey, host.name.span, message).help(format!(
+                    "add `{key}: {example}` or whatever it is: only of this machine it is read from the machine"
+                )),
+            );
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use rstest::rstest;
+
+    use super::*;
+
+    #[rstest]
+    #[case("ubuntu@lab1:2222", Some("ubuntu"), "lab1", Some(2222))]
+    #[case("lab1.example.org", None, "lab1.example.org", None)]
+    #[case("ssh://me@10.0.0.7", Some("me"), "10.0.0.7", None)]
+    #[case("me@[fe80::1]:22", Some("me"), "fe80::1", Some(22))]
+    fn an_address_is_taken_apart(
+        #[case] text: &str,
+        #[case] user: Option<&str>,
+        #[case] host: &str,
+        #[case] port: Option<u16>,
+    ) {
+        let address: SshAddress = text.parse().unwrap();
+        assert_eq!(
+            (address.user.as_deref(), address.host.as_str(), address.port),
+            (user, host, port)
+        );
+        assert_eq!(address.to_string(), text.trim_start_matches("ssh://"));
+    }
+
+    #[rstest]
+    #[case("")]
+    #[case("me@")]
+    #[case("me@host:0")]
+    #[case("me@host:port")]
+    #[case("me@host:70000")]
+    #[case("-oProxyCommand=x@host")]
+    #[case("me@-oProxyCommand=x")]
+    #[case("a b@host")]
+    #[case("[fe80::1")]
+    #[case("[::1]22")]
+    fn what_is_no_address_is_refused(#[case] text: &str) {
+        assert!(text.parse::<SshAddress>().is_err());
+    }
+}

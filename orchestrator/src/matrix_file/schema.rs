@@ -1,0 +1,112 @@
+//! The JSON Schema of the matrix file, for editors that complete and check while one writes.
+//!
+//! The sections' own types give their own parts; what is free in a matrix file, the axes, is written here.
+
+use reports::settings::ReportSettings;
+use schemars::{generate::SchemaSettings, json_schema};
+use serde_json::{Value, json};
+use workload::settings::Settings;
+
+use super::{hosts::HostEntry, sweep::setting_paths};
+use crate::provider::{self, ProviderSettings};
+
+/// The JSON Schema (draft 2020-12) of a matrix file.
+#[must_use]
+pub fn schema() -> Value {
+    let mut generator = SchemaSettings::draft2020_12().into_generator();
+    let workload = generator.subschema_for::<Settings>();
+    let report = generator.subschema_for::<ReportSettings>();
+    let providers = generator.subschema_for::<ProviderSettings>();
+    let host = generator.subschema_for::<HostEntry>();
+    let matrix = matrix();
+    let profile = json_schema!({
+        "description": "Overrides, laid over the sections of the file when the profile is chosen.",
+        "type": ["object", "null"],
+        "additionalProperties": false,
+        "properties": { "matrix": matrix, "workload": workload, "report": report, "providers": providers },
+    });
+    json!({
+        "$schema": "https://json-schema.org/draft/2020-12/schema",
+        "title": "Matrix file",
+        "description": "One experiment in all combinations of hardware, operating system and virtualization.",
+        "type": "object",
+        "additionalProperties": false,
+        "required": ["matrix"],
+        "properties": {
+            "matrix": matrix,
+            "hosts": {
+                "description": "The machines and what each offers; this machine when left out.",
+                "type": "object",
+                "minProperties": 1,
+                "additionalProperties": { "anyOf": [host, { "type": "null" }] },
+            },
+            "workload": workload,
+            "report": report,
+            "providers": providers,
+            "profiles": {
+                "description": "Named overrides, chosen with `--profile`.",
+                "type": ["object", "null"],
+                "additionalProperties": profile,
+            },
+        },
+        "$defs": generator.take_definitions(true),
+    })
+}
+
+/// The `matrix` section: axes are free keys, the known ones described.
+fn matrix() -> Value {
+    let value = json!({ "type": ["string", "number", "boolean"] });
+    let axis = json!({ "type": "array", "minItems": 1, "uniqueItems": true, "items": value });
+    let virtualization = json!({ "enum": provider::NAMES });
+    let mut properties = json!({
+        "hardware": with_description(&axis, "Hardware that hosts offer; the hosts give it when left out."),
+        "os": with_description(&axis, "Operating systems that hosts offer; the hosts give them when left out."),
+        "virtualization": {
+            "description": "What the environments are made with; `native` when left out.",
+            "type": "array", "minItems": 1, "uniqueItems": true, "items": virtualization,
+        },
+        "exclude": {
+            "description": "Combinations that are not run: those with all the values named.",
+            "type": ["array", "null"],
+            "items": {
+                "type": "object",
+                "minProperties": 1,
+                "properties": {
+                    "virtualization": virtualization,
+                    "reason": { "type": "string", "description": "Why; stands in every report." },
+                },
+                "additionalProperties": value,
+            },
+        },
+        "include": {
+            "description": "Values added to the combinations they fit, or combinations of their own.",
+            "type": ["array", "null"],
+            "items": {
+                "type": "object",
+                "minProperties": 1,
+                "properties": { "virtualization": virtualization },
+                "additionalProperties": value,
+            },
+        },
+    });
+    for path in setting_paths() {
+        let description = format!("Sweeps the workload's `{path}`.");
+        if let Some(properties) = properties.as_object_mut() {
+            properties.insert(path.clone(), with_description(&axis, &description));
+        }
+    }
+    json!({
+        "description": "Axes are lists of values; every combination is a scenario.",
+        "type": ["object", "null"],
+        "properties": properties,
+        "additionalProperties": axis,
+    })
+}
+
+fn with_description(schema: &Value, description: &str) -> Value {
+    let mut described = json!({ "description": description });
+    if let (Some(described), Some(schema)) = (described.as_object_mut(), schema.as_object()) {
+        described.extend(schema.clone());
+    }
+    described
+}

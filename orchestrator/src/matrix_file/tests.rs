@@ -1,0 +1,188 @@
+//! Every mistake, as a person sees it. The pictures are in `snapshots/`: read them as a user would.
+
+use std::collections::BTreeMap;
+
+use rstest::rstest;
+
+use super::*;
+use crate::{
+    plan::{HostFacts, Selection, plan},
+    provider::Availability,
+};
+
+fn works() -> Availability {
+    Availability::Available {
+        detail: "works".to_owned(),
+    }
+}
+
+/// What is said of a text, be it when it is read or when it is planned.
+fn told(bytes: &[u8], profile: Option<&str>) -> Diagnostics {
+    let facts = BTreeMap::from([(
+        THIS_MACHINE.to_owned(),
+        HostFacts {
+            hardware: "x86_64".to_owned(),
+            os: "debian-12".to_owned(),
+            providers: ["native", "docker"].map(|name| (name.to_owned(), works())).into(),
+        },
+    )]);
+    let planned = MatrixFile::parse("matrix.yaml", bytes, profile)
+        .and_then(|file| plan(&file, &facts, &Selection::default(), 1));
+    match planned {
+        Ok(plan) => plan.warnings,
+        Err(found) => found,
+    }
+}
+
+#[rstest]
+#[case::empty("")]
+#[case::only_comments("# nothing\n")]
+#[case::not_yaml("matrix: {os: [ubuntu\nhosts: x]]\n")]
+#[case::tabs("matrix:\n\tos: [ubuntu]\n")]
+#[case::a_list("- matrix\n- hosts\n")]
+#[case::two_documents("matrix: {}\n---\nmatrix: {}\n")]
+#[case::a_tag("matrix: !env {}\n")]
+#[case::unknown_section("matirx:\n  os: [ubuntu]\n")]
+#[case::no_matrix("workload: {}\n")]
+#[case::unknown_setting("matrix: {}\nworkload:\n  network:\n    dealy: 10ms\n")]
+#[case::duplicate_key("matrix: {}\nworkload:\n  rate: 50Hz\n  window: 6000s\n  rate: 60Hz\n")]
+#[case::host_named_twice("hosts:\n  lab1: {connect: local}\n  lab1: {connect: local}\nmatrix: {}\n")]
+#[case::wrong_unit("matrix: {}\nworkload:\n  network: {delay: 10Mbit}\n")]
+#[case::missing_unit("matrix: {}\nworkload:\n  period: 100\n")]
+#[case::missing_unit_in_a_sweep("matrix:\n  network.loss: [0%, 1]\n")]
+#[case::unknown_setting_as_an_axis("matrix:\n  network.los: [0%, 1%]\n")]
+#[case::a_section_as_an_axis("matrix:\n  network: [a, b]\n")]
+#[case::label("matrix:\n  virtualisation: [native]\n")]
+#[case::misspelt_virtualization("matrix:\n  virtualization: [native, dokcer]\n")]
+#[case::empty_axis("matrix:\n  virtualization: []\n")]
+#[case::axis_without_a_value("matrix:\n  virtualization:\n")]
+#[case::axis_that_is_no_list("matrix:\n  virtualization: docker\n")]
+#[case::value_twice("matrix:\n  virtualization: [native, docker, native]\n")]
+#[case::value_that_is_no_word("matrix:\n  virtualization: [native, {docker: yes}]\n")]
+#[case::exclude_that_matches_nothing(
+    "matrix:\n  virtualization: [native]\n  exclude:\n    - {virtualization: docker, reason: no engine}\n"
+)]
+#[case::exclude_with_a_misspelt_value(
+    "matrix:\n  hardware: [i686, arm64]\n  exclude:\n    - {hardware: amr64, reason: too old}\n"
+)]
+#[case::exclude_with_a_misspelt_axis(
+    "matrix:\n  hardware: [i686]\n  exclude:\n    - {hardwear: i686, reason: too old}\n"
+)]
+#[case::exclude_without_a_reason(
+    "matrix:\n  virtualization: [native, docker]\n  exclude:\n    - virtualization: docker\n"
+)]
+#[case::include_that_repeats(
+    "matrix:\n  virtualization: [native, docker]\n  include:\n    - virtualization: docker\n"
+)]
+#[case::include_twice(
+    "matrix:\n  virtualization: [native]\n  include:\n    - {virtualization: docker}\n    - {virtualization: docker}\n"
+)]
+#[case::include_that_changes_nothing(
+    "matrix:\n  virtualization: [native, docker]\n  period: [100s, 50s]\n  include:\n    - virtualization: docker\n"
+)]
+#[case::too_many_scenarios(
+    "matrix:\n  network.seed: &n [1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 11]\n  control.angle.kp: *n\n  control.angle.kd: *n\n"
+)]
+#[case::settings_that_do_not_fit("matrix: {}\nworkload:\n  window: 250s\n  period: 100s\n")]
+#[case::settings_that_do_not_fit_in_a_sweep("matrix:\n  window: [6000s, 250s]\n")]
+#[case::everything_discarded("matrix: {}\nworkload: {window: 200s}\nreport:\n  discard_periods: 2\n")]
+#[case::alpha_out_of_range("matrix: {}\nreport: {alpha: 5}\n")]
+#[case::figure_of_no_scenario("matrix: {}\nreport:\n  figures: [[a, b]]\n")]
+#[case::control_on_no_axis("matrix: {}\nreport:\n  control: {virtualisation: native}\n")]
+#[case::control_that_no_scenario_is(
+    "matrix: {virtualization: [docker]}\nreport:\n  control: {virtualization: native}\n"
+)]
+#[case::never_rejects("matrix: {}\nworkload:\n  window: 300s\n")]
+#[case::sometimes_rejects("matrix: {}\nworkload:\n  window: 700s\nreport:\n  discard_periods: 3\n")]
+#[case::address_without_ssh("hosts:\n  lab1: {hardware: i686, os: ubuntu, connect: me@lab1}\nmatrix: {}\n")]
+#[case::bad_address(
+    "hosts:\n  lab1: {hardware: i686, os: ubuntu, connect: {ssh: 'me@lab1:port'}}\nmatrix: {}\n"
+)]
+#[case::ssh_without_an_offer("hosts:\n  lab1: {connect: {ssh: me@lab1}}\nmatrix: {}\n")]
+#[case::no_hosts("hosts: {}\nmatrix: {}\n")]
+#[case::bad_host_name("hosts:\n  ../lab: {connect: local}\nmatrix: {}\n")]
+#[case::unknown_provider_setting("matrix: {}\nproviders:\n  docker: {imgae: debian}\n")]
+#[case::mistakes_everywhere(
+    "matrix:\n  virtualization: [natvie]\nhosts:\n  lab1: {os: ubuntu, conect: local}\nworkload:\n  rate: 50\n  network: {loss: 1, jitter: soon}\nreport: {metrics: x}\n"
+)]
+#[case::mistake_in_a_profile(
+    "matrix: {}\nworkload: {window: 6000s}\nprofiles:\n  quick:\n    workload: {window: 32}\n"
+)]
+#[case::unknown_section_in_a_profile("matrix: {}\nprofiles:\n  quick:\n    worklaod: {window: 32s}\n")]
+#[case::merge_key("a: &a {b: 1}\nmatrix: {}\nworkload:\n  <<: *a\n")]
+#[case::a_problem_with_a_setting_that_is_left_out("matrix: {}\nworkload:\n  period: 70s\n")]
+#[case::axis_twice("matrix:\n  virtualization: [native]\n  virtualization: [docker]\n")]
+#[case::control_characters("matrix:\n  \"\\e[31mred\": [1, 2]\n")]
+fn every_mistake_is_shown_at_its_place(#[case] text: &str) {
+    // rstest names a test `case_07_tabs`: the picture is named after what the case is.
+    let thread = std::thread::current();
+    let case = thread
+        .name()
+        .and_then(|name| name.rsplit("::").next())
+        .unwrap_or_default();
+    let name = case.splitn(3, '_').nth(2).unwrap_or_default();
+    let told = told(text.as_bytes(), None);
+    assert!(!told.is_empty());
+    insta::with_settings!({ description => text, omit_expression => true }, {
+        insta::assert_snapshot!(name, told);
+    });
+}
+
+#[test]
+fn what_is_not_utf8_is_shown_at_its_place() {
+    insta::assert_snapshot!(told(b"matrix:\n  os: [\"m\xe4c\"]\n", None));
+}
+
+#[test]
+fn an_unknown_profile_is_asked_about() {
+    insta::assert_snapshot!(told(b"matrix: {}\nprofiles: {quick: {}}\n", Some("quik")));
+}
+
+#[test]
+fn a_file_that_is_not_there_is_named() {
+    let found = MatrixFile::read(Path::new("/nowhere/matrix.yaml"), None).unwrap_err();
+    insta::assert_snapshot!(found);
+}
+
+#[test]
+fn ten_megabytes_of_nesting_are_one_clear_error() {
+    let text = "[".repeat(10_000_000);
+    insta::assert_snapshot!(told(text.as_bytes(), None));
+}
+
+#[test]
+fn programs_read_the_same() {
+    insta::assert_snapshot!(
+        serde_json::to_string_pretty(&told(b"matrix:\n  os: [x]\n  os: [y]\n", None).to_json()).unwrap()
+    );
+}
+
+#[test]
+fn a_byte_order_mark_shifts_nothing() {
+    let found = told("\u{feff}matirx: {}\n".as_bytes(), None);
+    assert_eq!(found.to_json()[0]["column"], 1);
+}
+
+#[test]
+fn a_profile_overrides_and_keeps_the_rest() {
+    let text = "matrix: {virtualization: [native, docker]}\nworkload: {window: 6000s, rate: 100Hz}\nreport: {alpha: 0.01}\n\
+        profiles:\n  quick:\n    matrix: {virtualization: [fake]}\n    workload: {window: 400s}\n  other:\n";
+    let file = MatrixFile::parse("m", text.as_bytes(), Some("quick")).unwrap();
+    assert_eq!(file.profile.as_deref(), Some("quick"));
+    assert_eq!(file.profiles, ["quick", "other"]);
+    assert_eq!(file.workload.window.to_string(), "400s");
+    assert_eq!(file.workload.rate.to_string(), "100Hz");
+    assert_eq!(file.report.alpha, 0.01);
+    assert_eq!(file.matrix.axes[0].values[0].text, "fake");
+}
+
+#[test]
+fn the_schema_that_is_committed_is_current() {
+    let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("../docs/matrix.schema.json");
+    let current = serde_json::to_string_pretty(&schema()).unwrap() + "\n";
+    let committed = std::fs::read_to_string(&path).unwrap_or_default();
+    assert!(
+        committed == current,
+        "run `matrix schema > docs/matrix.schema.json`"
+    );
+}

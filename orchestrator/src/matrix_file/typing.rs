@@ -1,0 +1,574 @@
+//! Tree -> values of the types that own them, with all that is wrong in one go. The main function is [`read`].
+//!
+//! It is a serde deserializer over [`Node`], so that an error knows its node without a detour over paths, and knows
+//! what it is about (which key, which values there are) without taking a message apart. serde stops at the first error:
+//! the entry that caused it is left out and the rest is read again, until nothing is wrong any more.
+
+use std::{collections::HashSet, fmt, sync::Arc};
+
+use serde::{
+    de::{
+        self, DeserializeOwned, DeserializeSeed, Deserializer, EnumAccess, Expected, IntoDeserializer,
+        MapAccess, SeqAccess, Unexpected, VariantAccess, Visitor, value::StrDeserializer,
+    },
+    forward_to_deserialize_any,
+};
+use serde_yaml::Value;
+
+use super::{
+    diagnostic::{Code, Diagnostic, Diagnostics},
+    source::{Source, Span},
+    spelling::{list, propose},
+    tree::{Content, Entry, Node},
+};
+
+/// Errors that are reported of one section; a file with more is not a matrix file.
+const ERRORS: usize = 50;
+
+/// Reads a node as `T`.
+///
+/// # Errors
+/// All that is wrong with it, each at its place.
+pub fn read<T: DeserializeOwned>(source: &Arc<Source>, node: &Node) -> Result<T, Diagnostics> {
+    let mut left_out = HashSet::new();
+    let mut found = Diagnostics::new();
+    loop {
+        let reader = Reader {
+            node,
+            left_out: &left_out,
+        };
+        let error = match T::deserialize(reader) {
+            Ok(value) if found.is_empty() => return Ok(value),
+            Ok(_) => return Err(found),
+            Err(error) => error,
+        };
+        let cause = error.entry;
+        if !error.follows {
+            found.push(error.into_diagnostic(source, node.span));
+        }
+        match cause {
+            Some(entry) if left_out.len() < ERRORS && left_out.insert(entry) => {}
+            _ => return Err(found),
+        }
+    }
+}
+
+/// What is wrong, and with which node.
+#[derive(Debug)]
+struct TypeError {
+    wrong: Wrong,
+    /// The innermost node it is about.
+    span: Option<Span>,
+    /// The key of the innermost entry it is in.
+    entry: Option<Span>,
+    /// Whether it is there only because an entry was left out.
+    follows: bool,
+}
+
+#[derive(Debug)]
+enum Wrong {
+    UnknownKey {
+        key: String,
+        known: &'static [&'static str],
+    },
+    UnknownValue {
+        value: String,
+        known: &'static [&'static str],
+    },
+    MissingKey(&'static str),
+    Type {
+        found: String,
+        wanted: String,
+    },
+    Other(String),
+}
+
+impl From<Wrong> for TypeError {
+    fn from(wrong: Wrong) -> Self {
+        Self {
+            wrong,
+            span: None,
+            entry: None,
+            follows: false,
+        }
+    }
+}
+
+impl TypeError {
+    fn at(mut self, span: Span) -> Self {
+        self.span.get_or_insert(span);
+        self
+    }
+
+    fn within(mut self, entry: Span) -> Self {
+        self.entry.get_or_insert(entry);
+        self
+    }
+
+    fn into_diagnostic(self, source: &Arc<Source>, section: Span) -> Diagnostic {
+        let span = self.span.unwrap_or(section);
+        let error = |code, message: String| Diagnostic::error(source, code, span, message);
+        match self.wrong {
+            Wrong::UnknownKey { key, known } => {
+                error(Code::UnknownKey, format!("there is no key `{key}` here"))
+                    .label("unknown key")
+                    .help(if key == "<<" {
+                        "YAML 1.2 has no merge keys: repeat the keys, or write a profile".to_owned()
+                    } else {
+                        propose(&key, known.iter().copied())
+                    })
+            }
+            Wrong::UnknownValue { value, known } => error(
+                Code::UnknownValue,
+                format!("`{value}` is not one of {}", list(known.iter().copied())),
+            )
+            .label("unknown value")
+            .help(propose(&value, known.iter().copied())),
+            Wrong::MissingKey(key) => error(Code::MissingKey, format!("the key `{key}` is missing"))
+                .label(format!("has no `{key}`"))
+                .help(format!("add `{key}: …`")),
+            Wrong::Type { found, wanted } => {
+                error(Code::WrongType, format!("{wanted} belongs here, not {found}"))
+                    .help(format!("write {wanted}"))
+            }
+            // What quantities say of themselves is `what is wrong: what to write`.
+            Wrong::Other(message) => match message.split_once(": ") {
+                Some((what, help)) => error(Code::InvalidValue, what.to_owned()).help(help),
+                None => error(Code::InvalidValue, message),
+            },
+        }
+    }
+}
+
+impl fmt::Display for TypeError {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(f, "{:?}", self.wrong)
+    }
+}
+
+impl std::error::Error for TypeError {}
+
+impl de::Error for TypeError {
+    fn custom<T: fmt::Display>(message: T) -> Self {
+        Wrong::Other(message.to_string()).into()
+    }
+
+    fn invalid_type(found: Unexpected<'_>, wanted: &dyn Expected) -> Self {
+        Wrong::Type {
+            found: spell_found(&found),
+            wanted: spell_wanted(&wanted.to_string()),
+        }
+        .into()
+    }
+
+    fn invalid_value(found: Unexpected<'_>, wanted: &dyn Expected) -> Self {
+        Self::invalid_type(found, wanted)
+    }
+
+    fn unknown_field(key: &str, known: &'static [&'static str]) -> Self {
+        Wrong::UnknownKey {
+            key: key.to_owned(),
+            known,
+        }
+        .into()
+    }
+
+    fn unknown_variant(value: &str, known: &'static [&'static str]) -> Self {
+        Wrong::UnknownValue {
+            value: value.to_owned(),
+            known,
+        }
+        .into()
+    }
+
+    fn missing_field(key: &'static str) -> Self {
+        Wrong::MissingKey(key).into()
+    }
+}
+
+fn spell_found(found: &Unexpected<'_>) -> String {
+    match found {
+        Unexpected::Bool(value) => format!("`{value}`"),
+        Unexpected::Unsigned(value) => format!("`{value}`"),
+        Unexpected::Signed(value) => format!("`{value}`"),
+        Unexpected::Float(value) => format!("`{value}`"),
+        Unexpected::Str(text) => format!("the text `{text}`"),
+        Unexpected::Unit | Unexpected::Option => "nothing".to_owned(),
+        Unexpected::Seq => "a list".to_owned(),
+        Unexpected::Map | Unexpected::StructVariant => "keys with values".to_owned(),
+        other => other.to_string(),
+    }
+}
+
+/// serde names Rust's types; a person who writes YAML knows none of them.
+fn spell_wanted(wanted: &str) -> String {
+    let spelled = match wanted {
+        "u8" | "u16" | "u32" | "u64" | "usize" => "a whole number from 0 up",
+        "i8" | "i16" | "i32" | "i64" | "isize" => "a whole number",
+        "f32" | "f64" => "a number",
+        "a boolean" => "`true` or `false`",
+        "a string" => "a text",
+        "a sequence" => "a list",
+        "a map" => "keys with values",
+        other if other.starts_with("struct ") => "keys with values",
+        other if other.starts_with("a tuple of size ") || other.starts_with("tuple of ") => {
+            "a list of that many"
+        }
+        other => other,
+    };
+    spelled.to_owned()
+}
+
+/// Reads a node, without the entries that were found wrong before.
+#[derive(Clone, Copy)]
+struct Reader<'a> {
+    node: &'a Node,
+    left_out: &'a HashSet<Span>,
+}
+
+impl<'a> Reader<'a> {
+    fn of(self, node: &'a Node) -> Self {
+        Self { node, ..self }
+    }
+
+    fn visit<'de, V: Visitor<'de>>(self, visitor: V) -> Result<V::Value, TypeError> {
+        let visited = match &self.node.content {
+            Content::Scalar { text, value } => visit_scalar(text, value, visitor),
+            Content::List(items) => visitor.visit_seq(Items {
+                reader: self,
+                items: items.iter(),
+            }),
+            Content::Mapping(entries) => visitor
+                .visit_map(Entries {
+                    reader: self,
+                    entries: entries.iter(),
+                    value: None,
+                })
+                .map_err(|error| self.mark_what_follows(error)),
+        };
+        visited.map_err(|error| error.at(self.node.span))
+    }
+
+    /// A key that is missing because it was left out is no error of its own.
+    fn mark_what_follows(self, mut error: TypeError) -> TypeError {
+        if let (Wrong::MissingKey(key), None) = (&error.wrong, error.span) {
+            let entry = self.node.entry(key);
+            error.follows = entry.is_some_and(|entry| self.left_out.contains(&entry.key.span));
+        }
+        error
+    }
+}
+
+fn visit_scalar<'de, V: Visitor<'de>>(text: &str, value: &Value, visitor: V) -> Result<V::Value, TypeError> {
+    match value {
+        Value::Null => visitor.visit_unit(),
+        Value::Bool(value) => visitor.visit_bool(*value),
+        Value::Number(number) => match (number.as_u64(), number.as_i64(), number.as_f64()) {
+            (Some(number), _, _) => visitor.visit_u64(number),
+            (_, Some(number), _) => visitor.visit_i64(number),
+            (_, _, Some(number)) => visitor.visit_f64(number),
+            _ => visitor.visit_str(text),
+        },
+        _ => visitor.visit_str(text),
+    }
+}
+
+impl<'de> Deserializer<'de> for Reader<'_> {
+    type Error = TypeError;
+
+    fn deserialize_any<V: Visitor<'de>>(self, visitor: V) -> Result<V::Value, TypeError> {
+        self.visit(visitor)
+    }
+
+    fn deserialize_option<V: Visitor<'de>>(self, visitor: V) -> Result<V::Value, TypeError> {
+        if self.node.is_null() {
+            visitor.visit_none()
+        } else {
+            visitor.visit_some(self)
+        }
+    }
+
+    // Where text is wanted, `22.10` is text.
+    fn deserialize_str<V: Visitor<'de>>(self, visitor: V) -> Result<V::Value, TypeError> {
+        match self.node.text() {
+            Some(text) => visitor
+                .visit_str(text)
+                .map_err(|error: TypeError| error.at(self.node.span)),
+            None => self.visit(visitor),
+        }
+    }
+
+    fn deserialize_string<V: Visitor<'de>>(self, visitor: V) -> Result<V::Value, TypeError> {
+        self.deserialize_str(visitor)
+    }
+
+    // A section with nothing in it is one without settings.
+    fn deserialize_struct<V: Visitor<'de>>(
+        self,
+        _: &'static str,
+        _: &'static [&'static str],
+        visitor: V,
+    ) -> Result<V::Value, TypeError> {
+        if self.node.is_null() {
+            let empty = Node::empty_mapping(self.node.span);
+            return self.of(&empty).visit(visitor);
+        }
+        self.visit(visitor)
+    }
+
+    fn deserialize_newtype_struct<V: Visitor<'de>>(
+        self,
+        _: &'static str,
+        visitor: V,
+    ) -> Result<V::Value, TypeError> {
+        visitor.visit_newtype_struct(self)
+    }
+
+    fn deserialize_enum<V: Visitor<'de>>(
+        self,
+        _: &'static str,
+        variants: &'static [&'static str],
+        visitor: V,
+    ) -> Result<V::Value, TypeError> {
+        let variant = match &self.node.content {
+            Content::Scalar { text, .. } if self.node.text().is_some() => Variant {
+                reader: self,
+                name: text,
+                name_span: self.node.span,
+                value: None,
+            },
+            Content::Mapping(entries) => match entries.as_slice() {
+                [entry] => Variant {
+                    reader: self,
+                    name: &entry.key.value,
+                    name_span: entry.key.span,
+                    value: Some(&entry.value),
+                },
+                _ => return Err(self.not_a_variant(variants)),
+            },
+            _ => return Err(self.not_a_variant(variants)),
+        };
+        visitor
+            .visit_enum(variant)
+            .map_err(|error| error.at(self.node.span))
+    }
+
+    forward_to_deserialize_any! {
+        bool i8 i16 i32 i64 i128 u8 u16 u32 u64 u128 f32 f64 char bytes byte_buf unit unit_struct seq tuple
+        tuple_struct map identifier ignored_any
+    }
+}
+
+impl Reader<'_> {
+    fn not_a_variant(self, variants: &[&str]) -> TypeError {
+        TypeError::from(Wrong::Type {
+            found: self.node.describe(),
+            wanted: format!("one of {}", list(variants.iter().copied())),
+        })
+        .at(self.node.span)
+    }
+}
+
+struct Items<'a> {
+    reader: Reader<'a>,
+    items: std::slice::Iter<'a, Node>,
+}
+
+impl<'de> SeqAccess<'de> for Items<'_> {
+    type Error = TypeError;
+
+    fn next_element_seed<T: DeserializeSeed<'de>>(&mut self, seed: T) -> Result<Option<T::Value>, TypeError> {
+        self.items
+            .next()
+            .map(|item| {
+                seed.deserialize(self.reader.of(item))
+                    .map_err(|error| error.at(item.span))
+            })
+            .transpose()
+    }
+
+    fn size_hint(&self) -> Option<usize> {
+        Some(self.items.len())
+    }
+}
+
+struct Entries<'a> {
+    reader: Reader<'a>,
+    entries: std::slice::Iter<'a, Entry>,
+    value: Option<&'a Entry>,
+}
+
+impl<'de> MapAccess<'de> for Entries<'_> {
+    type Error = TypeError;
+
+    fn next_key_seed<K: DeserializeSeed<'de>>(&mut self, seed: K) -> Result<Option<K::Value>, TypeError> {
+        let left_out = self.reader.left_out;
+        let Some(entry) = self.entries.find(|entry| !left_out.contains(&entry.key.span)) else {
+            return Ok(None);
+        };
+        self.value = Some(entry);
+        let key: StrDeserializer<'_, TypeError> = entry.key.value.as_str().into_deserializer();
+        seed.deserialize(key)
+            .map(Some)
+            .map_err(|error| error.at(entry.key.span).within(entry.key.span))
+    }
+
+    fn next_value_seed<V: DeserializeSeed<'de>>(&mut self, seed: V) -> Result<V::Value, TypeError> {
+        let Some(entry) = self.value.take() else {
+            return Err(de::Error::custom("a value was asked for before its key"));
+        };
+        seed.deserialize(self.reader.of(&entry.value))
+            .map_err(|error| error.at(entry.value.span).within(entry.key.span))
+    }
+}
+
+struct Variant<'a> {
+    reader: Reader<'a>,
+    name: &'a str,
+    name_span: Span,
+    value: Option<&'a Node>,
+}
+
+impl<'de, 'a> EnumAccess<'de> for Variant<'a> {
+    type Error = TypeError;
+    type Variant = VariantBody<'a>;
+
+    fn variant_seed<V: DeserializeSeed<'de>>(
+        self,
+        seed: V,
+    ) -> Result<(V::Value, VariantBody<'a>), TypeError> {
+        let name: StrDeserializer<'_, TypeError> = self.name.into_deserializer();
+        let variant = seed.deserialize(name).map_err(|error| error.at(self.name_span))?;
+        let body = VariantBody {
+            reader: self.reader,
+            value: self.value,
+        };
+        Ok((variant, body))
+    }
+}
+
+struct VariantBody<'a> {
+    reader: Reader<'a>,
+    value: Option<&'a Node>,
+}
+
+impl VariantBody<'_> {
+    fn wrong<T>(&self, wanted: &str) -> Result<T, TypeError> {
+        let node = self.value.unwrap_or(self.reader.node);
+        let wrong = Wrong::Type {
+            found: node.describe(),
+            wanted: wanted.to_owned(),
+        };
+        Err(TypeError::from(wrong).at(node.span))
+    }
+}
+
+impl<'de> VariantAccess<'de> for VariantBody<'_> {
+    type Error = TypeError;
+
+    fn unit_variant(self) -> Result<(), TypeError> {
+        match self.value {
+            None => Ok(()),
+            Some(value) if value.is_null() => Ok(()),
+            Some(_) => self.wrong("the word alone"),
+        }
+    }
+
+    fn newtype_variant_seed<T: DeserializeSeed<'de>>(self, seed: T) -> Result<T::Value, TypeError> {
+        match self.value {
+            Some(value) => seed.deserialize(self.reader.of(value)),
+            None => self.wrong("the word with a value behind it"),
+        }
+    }
+
+    fn tuple_variant<V: Visitor<'de>>(self, _: usize, visitor: V) -> Result<V::Value, TypeError> {
+        match self.value {
+            Some(value) => self.reader.of(value).visit(visitor),
+            None => self.wrong("the word with a list behind it"),
+        }
+    }
+
+    fn struct_variant<V: Visitor<'de>>(
+        self,
+        _: &'static [&'static str],
+        visitor: V,
+    ) -> Result<V::Value, TypeError> {
+        match self.value {
+            Some(value) => self.reader.of(value).visit(visitor),
+            None => self.wrong("the word with keys and values behind it"),
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use workload::settings::Settings;
+
+    use super::*;
+    use crate::matrix_file::tree;
+
+    fn read_settings(text: &str) -> Result<Settings, Vec<(Code, String, String)>> {
+        let source = Arc::new(Source::new("f.yaml", text));
+        read(&source, &tree::parse(&source).unwrap()).map_err(|found| {
+            let told = |d: &Diagnostic| {
+                (
+                    d.code,
+                    text[d.span().range()].to_owned(),
+                    d.help.clone().unwrap_or_default(),
+                )
+            };
+            found.iter().map(told).collect()
+        })
+    }
+
+    #[test]
+    fn settings_that_are_left_out_have_the_papers_values() {
+        let settings = read_settings("network: {delay: 20ms}\ncapture:\n").unwrap();
+        assert_eq!(settings.network.delay.to_string(), "20ms");
+        assert_eq!(settings.network.loss, Settings::default().network.loss);
+    }
+
+    #[test]
+    fn all_mistakes_are_found_in_one_go_each_at_its_place() {
+        let found = read_settings(
+            "windows: many\nnetwork:\n  delay: 10\n  los: 1%\n  jitter: 1Hz\ncontrol:\n  angle: {kp: 1, kd: x}\n",
+        )
+        .unwrap_err();
+        let expected = [
+            (Code::WrongType, "many", "write a whole number from 0 up"),
+            (
+                Code::InvalidValue,
+                "10",
+                "write a duration as `10ms`; the units are `ns`, `us`, `ms`, `s`, `min`, `h`",
+            ),
+            (Code::UnknownKey, "los", "did you mean `loss`?"),
+            (
+                Code::InvalidValue,
+                "1Hz",
+                "use `ns`, `us`, `ms`, `s`, `min`, `h`, as in `10ms`",
+            ),
+            (Code::WrongType, "x", "write a number"),
+        ];
+        let found: Vec<_> = found
+            .iter()
+            .map(|(code, at, help)| (*code, at.as_str(), help.as_str()))
+            .collect();
+        assert_eq!(found, expected);
+    }
+
+    #[test]
+    fn a_key_that_must_be_there_is_asked_for() {
+        let found = read_settings("control:\n  angle: {kp: 1}\n").unwrap_err();
+        assert_eq!(
+            found,
+            [(Code::MissingKey, "{kp: 1}".to_owned(), "add `kd: …`".to_owned())]
+        );
+    }
+
+    #[test]
+    fn a_misspelt_word_is_asked_about() {
+        let found = read_settings("network: {backend: userpsace}\n").unwrap_err();
+        assert_eq!(found[0].0, Code::UnknownValue);
+        assert_eq!(found[0].2, "did you mean `userspace`?");
+    }
+}

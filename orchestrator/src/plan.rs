@@ -1,0 +1,322 @@
+//! Matrix file and what the hosts can do -> every scenario, feasible or not and why, and the order they run in. The main
+//! function is [`plan`], the main type [`Plan`].
+//!
+//! Pure: no clock, no host, no randomness but that of the seed. The same file, facts, selection and seed give the same
+//! plan, on every machine and in every version.
+
+pub mod attainable;
+pub mod expansion;
+pub mod naming;
+pub mod order;
+pub mod placement;
+pub mod selection;
+
+use std::collections::BTreeMap;
+
+use reports::run_directory::{FORMAT, PlanRecord, PlannedScenario};
+use serde_json::Value;
+use workload::settings::Settings;
+
+pub use attainable::Attainable;
+pub use placement::HostFacts;
+pub use selection::Selection;
+
+use crate::matrix_file::{Code, Diagnostic, Diagnostics, MatrixFile, list, propose};
+use attainable::{fewest_values, smallest_p};
+use expansion::{Combination, expand};
+use placement::{Offer, place};
+use selection::Candidate;
+
+/// What will happen.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Plan {
+    /// As it stands in the run directory.
+    pub record: PlanRecord,
+    /// The smallest p that its comparisons can reach; none if there is nothing to compare.
+    pub attainable: Option<Attainable>,
+    /// What is odd and yet no error, the file's own warnings among it.
+    pub warnings: Diagnostics,
+}
+
+/// Plans the scenarios of a matrix file on hosts of which `facts` are known, by host name.
+///
+/// # Errors
+/// All that is wrong with the file as a whole, and with the selection.
+pub fn plan(
+    file: &MatrixFile,
+    facts: &BTreeMap<String, HostFacts>,
+    selection: &Selection,
+    seed: u64,
+) -> Result<Plan, Diagnostics> {
+    let mut found = file.warnings.clone();
+    let offers: Vec<_> = file
+        .hosts
+        .iter()
+        .map(|host| Offer::of(host, facts.get(&host.name.value)))
+        .collect();
+    let combinations = expand(file, &offers, &mut found);
+    let (combinations, mut found) = found.unless_errors(combinations)?;
+    let mut scenarios = scenarios(file, &combinations, &offers, &mut found);
+    check_names(file, &scenarios, &mut found);
+    let (left_out, mut found) = match selection.apply(&candidates(&scenarios)) {
+        Ok(left_out) => found.unless_errors(left_out)?,
+        Err(nothing) => {
+            found.extend(nothing);
+            return Err(found);
+        }
+    };
+    for (scenario, why) in std::iter::zip(&mut scenarios, left_out) {
+        scenario.not_selected = why;
+    }
+    let attainable = attainable(file, &combinations, &scenarios);
+    if let Some(attainable) = attainable {
+        check_attainable(file, attainable, &mut found);
+    }
+    let running = |scenario: &&PlannedScenario| scenario.feasible && scenario.not_selected.is_none();
+    let order = scenarios
+        .iter()
+        .filter(running)
+        .map(|scenario| scenario.id.clone())
+        .collect();
+    let measuring_s = scenarios
+        .iter()
+        .filter(running)
+        .map(|scenario| measuring_s(&scenario.settings))
+        .sum();
+    let record = PlanRecord {
+        format: FORMAT,
+        scenarios,
+        order: order::shuffled(order, seed),
+        measuring_s,
+    };
+    let (record, warnings) = found.unless_errors(record)?;
+    Ok(Plan {
+        record,
+        attainable,
+        warnings,
+    })
+}
+
+/// Names, settings and hosts for the combinations.
+fn scenarios(
+    file: &MatrixFile,
+    combinations: &[Combination],
+    offers: &[Offer],
+    found: &mut Diagnostics,
+) -> Vec<PlannedScenario> {
+    let texts = |combination: &Combination| {
+        let values = combination.axes.iter();
+        values
+            .map(|(axis, value)| (axis.clone(), value.text.clone()))
+            .collect::<Vec<_>>()
+    };
+    let slugs = naming::slugs(&combinations.iter().map(texts).collect::<Vec<_>>());
+    let named = std::iter::zip(combinations, slugs).enumerate();
+    named
+        .map(|(index, (combination, slug))| {
+            let placement = place(combination, offers);
+            // Of two reasons the excluding one counts: it holds whatever the host can do.
+            let (reason, fix) = match (&combination.excluded, placement.obstacle) {
+                (Some(reason), _) => (Some(reason.clone()), None),
+                (None, Some(obstacle)) => (Some(obstacle.reason), obstacle.fix),
+                (None, None) => (None, None),
+            };
+            PlannedScenario {
+                id: naming::letter(index),
+                slug,
+                axes: texts(combination)
+                    .into_iter()
+                    .map(|(axis, text)| (axis, Value::String(text)))
+                    .collect(),
+                host: placement.host,
+                feasible: reason.is_none(),
+                reason,
+                fix,
+                not_selected: None,
+                settings: settings(file, combination, found),
+            }
+        })
+        .collect()
+}
+
+/// The workload's settings with the combination's sweeps. What does not fit together matters only where it may run.
+fn settings(file: &MatrixFile, combination: &Combination, found: &mut Diagnostics) -> Settings {
+    match file.swept(combination.sweeps()) {
+        Ok(swept) => {
+            if combination.excluded.is_none() {
+                let problems = swept.settings.problems();
+                found.extend(problems.iter().map(|problem| swept.diagnose(file, problem)));
+                check_discarded(file, &swept.settings, found);
+            }
+            swept.settings
+        }
+        Err(wrong) => {
+            found.extend(wrong);
+            file.workload.clone()
+        }
+    }
+}
+
+fn candidates(scenarios: &[PlannedScenario]) -> Vec<Candidate> {
+    let candidate = |scenario: &PlannedScenario| Candidate {
+        letter: scenario.id.clone(),
+        slug: scenario.slug.clone(),
+        axes: scenario
+            .axes
+            .keys()
+            .filter_map(|axis| Some((axis.clone(), scenario.axis(axis)?)))
+            .collect(),
+    };
+    scenarios.iter().map(candidate).collect()
+}
+
+/// Of the design: what is excluded or not selected is no part of it, what cannot run here is.
+fn attainable(
+    file: &MatrixFile,
+    combinations: &[Combination],
+    scenarios: &[PlannedScenario],
+) -> Option<Attainable> {
+    let sizes = std::iter::zip(combinations, scenarios)
+        .filter(|(combination, scenario)| combination.excluded.is_none() && scenario.not_selected.is_none())
+        .flat_map(|(_, scenario)| sample_sizes(file, &scenario.settings));
+    Attainable::of(file.report.alpha, sizes.collect())
+}
+
+/// Values in the sample of each window: the first loses what the transient spoils.
+fn sample_sizes(file: &MatrixFile, settings: &Settings) -> Vec<u64> {
+    let periods = settings.periods_per_window();
+    let first = periods.saturating_sub(u64::from(file.report.discard_periods));
+    let windows = usize::try_from(settings.windows).unwrap_or(usize::MAX);
+    // Only the smallest and largest two matter: a million windows need no list of a million.
+    std::iter::once(first)
+        .chain(std::iter::repeat(periods))
+        .take(windows.min(3))
+        .collect()
+}
+
+fn measuring_s(settings: &Settings) -> f64 {
+    f64::from(settings.windows) * settings.window.as_secs_f64()
+}
+
+/// A first window that is discarded altogether is no sample.
+fn check_discarded(file: &MatrixFile, settings: &Settings, found: &mut Diagnostics) {
+    let (periods, discarded) = (settings.periods_per_window(), file.report.discard_periods);
+    if periods > 0 && u64::from(discarded) >= periods {
+        let message = format!(
+            "the first window has {periods} periods, of which {discarded} are left out: nothing is left"
+        );
+        let span = file.place_of("report.discard_periods");
+        found.push(
+            Diagnostic::error(&file.source, Code::InvalidValue, span, message).help(format!(
+                "write at most `discard_periods: {}`, or make `workload.window` longer",
+                periods - 1
+            )),
+        );
+    }
+}
+
+/// Scenarios and axes that the report's settings name must be there.
+fn check_names(file: &MatrixFile, scenarios: &[PlannedScenario], found: &mut Diagnostics) {
+    let names = || {
+        scenarios
+            .iter()
+            .flat_map(|scenario| [scenario.id.as_str(), scenario.slug.as_str()])
+    };
+    for name in file.report.figures.iter().flat_map(|(a, b)| [a, b]) {
+        if !names().any(|known| known == name) {
+            let span = file.place_of("report.figures");
+            let slugs = scenarios.iter().map(|scenario| scenario.slug.as_str());
+            found.push(
+                Diagnostic::error(
+                    &file.source,
+                    Code::UnknownValue,
+                    span,
+                    format!("there is no scenario `{name}` to draw"),
+                )
+                .help(propose(name, slugs)),
+            );
+        }
+    }
+    for (axis, value) in &file.report.control {
+        let path = format!("report.control.{axis}");
+        let with_axis: Vec<_> = scenarios
+            .iter()
+            .filter_map(|scenario| scenario.axis(axis))
+            .collect();
+        if with_axis.is_empty() {
+            let axes = scenarios
+                .iter()
+                .flat_map(|scenario| scenario.axes.keys().map(String::as_str));
+            found.push(
+                Diagnostic::error(
+                    &file.source,
+                    Code::UnknownKey,
+                    file.place_of_key(&path),
+                    format!("no scenario has an axis `{axis}`"),
+                )
+                .help(propose(axis, axes.collect::<std::collections::BTreeSet<_>>())),
+            );
+        } else if !with_axis.contains(value) {
+            let values: std::collections::BTreeSet<_> = with_axis.iter().map(String::as_str).collect();
+            found.push(
+                Diagnostic::warning(
+                    &file.source,
+                    Code::UnknownValue,
+                    file.place_of(&path),
+                    format!("no scenario has `{axis}: {value}`: there is no experimental control"),
+                )
+                .help(format!("tables 2 and 3 need one; there are {}", list(values))),
+            );
+        }
+    }
+}
+
+/// A design that cannot reach its own α is told so before a machine spends a night on it.
+fn check_attainable(file: &MatrixFile, attainable: Attainable, found: &mut Diagnostics) {
+    let Attainable { alpha, best, worst } = attainable;
+    if worst.p < alpha {
+        return;
+    }
+    let span = file.place_of("workload.window");
+    let (which, pair) = if best.p < alpha {
+        ("some comparisons", worst)
+    } else {
+        ("no comparison", best)
+    };
+    let can = if best.p < alpha {
+        "can never reject"
+    } else {
+        "can ever reject"
+    };
+    let message = format!(
+        "{which} {can}: samples of {} and {} values reach p = {} at best, not below α = {alpha}",
+        pair.n,
+        pair.m,
+        spell_p(pair.p)
+    );
+    let help = match fewest_values(alpha) {
+        Some(fewest) => {
+            let periods = fewest + u64::from(file.report.discard_periods);
+            let window = file.workload.period.duration() * u32::try_from(periods).unwrap_or(u32::MAX);
+            format!(
+                "write `window: {}` under `workload:`, which is {periods} periods and reaches p = {}, or a larger `alpha`",
+                workload::quantity::TimeSpan::from(window),
+                spell_p(smallest_p(fewest, fewest)),
+            )
+        }
+        None => "write a larger `alpha` under `report:`".to_owned(),
+    };
+    found.push(Diagnostic::warning(&file.source, Code::NeverRejects, span, message).help(help));
+}
+
+/// Two digits, as a person writes them.
+fn spell_p(p: f64) -> String {
+    if p >= 0.001 {
+        format!("{p:.3}")
+    } else {
+        format!("{p:.1e}")
+    }
+}
+
+#[cfg(test)]
+mod tests;

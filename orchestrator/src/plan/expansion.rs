@@ -1,0 +1,461 @@
+//! Axes, excludes and includes -> combinations, with the semantics of GitHub Actions. The main function is [`expand`].
+//!
+//! As documented under `jobs.<job_id>.strategy.matrix` of GitHub's workflow syntax: an exclude takes out what has all of
+//! its values; then each include adds its values to every combination of the axes that it contradicts in none, or, if
+//! there is none, is a combination of its own. Values of the axes are never overwritten, added ones are. Two things are
+//! ours: what is excluded stays in the list, with its reason and its letter, and an include that is the very same brings
+//! it back; and the hosts give hardware and OS where no axis does.
+
+use std::collections::{HashMap, HashSet};
+
+use super::placement::Offer;
+use crate::matrix_file::{
+    Assignment, Axis, AxisValue, Code, Diagnostic, Diagnostics, Exclude, HARDWARE, Include, MatrixFile, OS,
+    Role, VIRTUALIZATION, did_you_mean, list, propose, source::Span,
+};
+
+/// More scenarios than these are a mistake: at the paper's settings they would take 750 years.
+const SCENARIOS: usize = 1000;
+/// The reason of an exclude that gives none.
+const NO_REASON: &str = "excluded by the matrix file";
+
+/// Values of axes, in the order they are shown.
+pub type Values = Vec<(String, AxisValue)>;
+
+/// One scenario to be.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Combination {
+    /// Its values, hardware and OS where known, and virtualization always among them.
+    pub axes: Values,
+    /// Why it is excluded, if it is.
+    pub excluded: Option<String>,
+}
+
+impl Combination {
+    /// The value of an axis.
+    #[must_use]
+    pub fn value(&self, axis: &str) -> Option<&str> {
+        value_of(&self.axes, axis).map(|value| value.text.as_str())
+    }
+
+    /// The values that sweep a setting of the workload.
+    pub fn sweeps(&self) -> impl Iterator<Item = (&str, &AxisValue)> {
+        let values = self.axes.iter().map(|(axis, value)| (axis.as_str(), value));
+        values.filter(|(axis, _)| Role::of(axis) == Ok(Role::Sweep))
+    }
+}
+
+/// All combinations, the first axis slowest, included ones last. What is wrong goes to `found`.
+pub fn expand(file: &MatrixFile, offers: &[Offer], found: &mut Diagnostics) -> Vec<Combination> {
+    let mut expansion = Expansion {
+        file,
+        offers,
+        found,
+        axes: Vec::new(),
+        drafts: Vec::new(),
+    };
+    expansion.multiply();
+    expansion.exclude();
+    for include in &file.matrix.includes {
+        expansion.include(include);
+    }
+    expansion.finish()
+}
+
+/// A combination in the making.
+struct Draft {
+    /// From the axes: never overwritten. Of one that an include made, all its values.
+    original: Values,
+    /// From includes.
+    added: Values,
+    excluded: Option<String>,
+    /// The include that made it, if it does not come from the axes.
+    made_by: Option<Span>,
+}
+
+struct Expansion<'a> {
+    file: &'a MatrixFile,
+    offers: &'a [Offer],
+    found: &'a mut Diagnostics,
+    /// Axis names in order, those among them that the hosts give.
+    axes: Vec<String>,
+    drafts: Vec<Draft>,
+}
+
+impl<'a> Expansion<'a> {
+    /// The product of the axes. Hardware and OS from the hosts are one axis of pairs: not every host has every OS.
+    fn multiply(&mut self) {
+        let axes = &self.file.matrix.axes;
+        // A matrix of includes alone has no combination to begin with, as in GitHub Actions.
+        if axes.is_empty() && !self.file.matrix.includes.is_empty() {
+            return;
+        }
+        let listed = |name: &str| axes.iter().any(|axis| axis.name.value == name);
+        let mut choices: Vec<Vec<Values>> = Vec::new();
+        if !listed(HARDWARE) && !listed(OS) {
+            self.axes.extend([HARDWARE.to_owned(), OS.to_owned()]);
+            choices.push(self.pairs(|_| true));
+        }
+        for axis in axes {
+            match axis.name.value.as_str() {
+                HARDWARE | OS if !listed(HARDWARE) || !listed(OS) => {
+                    self.axes.extend([HARDWARE.to_owned(), OS.to_owned()]);
+                }
+                name => self.axes.push(name.to_owned()),
+            }
+            choices.push(match axis.name.value.as_str() {
+                HARDWARE if !listed(OS) => self.completed(axis),
+                OS if !listed(HARDWARE) => self.completed(axis),
+                name => axis
+                    .values
+                    .iter()
+                    .map(|value| vec![(name.to_owned(), value.clone())])
+                    .collect(),
+            });
+        }
+        let count = choices
+            .iter()
+            .try_fold(1_usize, |count, choices| count.checked_mul(choices.len()));
+        if count.is_none_or(|count| count > SCENARIOS) {
+            self.too_many(count);
+            return;
+        }
+        let mut combinations: Vec<Values> = vec![Vec::new()];
+        for choices in &choices {
+            let extended = combinations.iter().flat_map(|before| {
+                choices
+                    .iter()
+                    .map(|choice| before.iter().chain(choice).cloned().collect())
+            });
+            combinations = extended.collect();
+        }
+        self.drafts = combinations
+            .into_iter()
+            .map(|original| Draft {
+                original,
+                added: Vec::new(),
+                excluded: None,
+                made_by: None,
+            })
+            .collect();
+    }
+
+    fn too_many(&mut self, count: Option<usize>) {
+        let count = count.map_or_else(
+            || "more than can be counted".to_owned(),
+            |count| count.to_string(),
+        );
+        let message = format!("the axes make {count} scenarios, more than {SCENARIOS}");
+        let span = self
+            .file
+            .matrix
+            .axes
+            .first()
+            .map_or(self.file.matrix.span, |axis| axis.name.span);
+        self.found.push(
+            Diagnostic::error(&self.file.source, Code::TooManyScenarios, span, message)
+                .help("take values away, or write several matrix files"),
+        );
+    }
+
+    /// What the hosts offer, each pair once.
+    fn pairs(&self, wanted: impl Fn(&Offer) -> bool) -> Vec<Values> {
+        let mut seen = HashSet::new();
+        self.offers
+            .iter()
+            .filter(|offer| wanted(offer) && seen.insert((&offer.hardware, &offer.os)))
+            .map(|offer| {
+                vec![
+                    (HARDWARE.to_owned(), AxisValue::word(&offer.hardware)),
+                    (OS.to_owned(), AxisValue::word(&offer.os)),
+                ]
+            })
+            .collect()
+    }
+
+    /// The values of one of hardware and OS, with each that the hosts offer of the other.
+    fn completed(&self, axis: &Axis) -> Vec<Values> {
+        let name = &axis.name.value;
+        let mut choices = Vec::new();
+        for value in &axis.values {
+            let pairs = self.pairs(|offer| offer.get(name) == Some(value.text.as_str()));
+            let with_place = |mut pair: Values| {
+                // The value as it stands in the file, so that it is known where.
+                pair.iter_mut()
+                    .filter(|(axis, _)| axis == name)
+                    .for_each(|(_, v)| *v = value.clone());
+                pair
+            };
+            if pairs.is_empty() {
+                choices.push(vec![(name.clone(), value.clone())]);
+            }
+            choices.extend(pairs.into_iter().map(with_place));
+        }
+        choices
+    }
+
+    fn exclude(&mut self) {
+        for exclude in &self.file.matrix.excludes {
+            let reason = exclude.reason.as_deref().unwrap_or(NO_REASON);
+            let mut matched = false;
+            for draft in &mut self.drafts {
+                if exclude
+                    .values
+                    .iter()
+                    .all(|wanted| same(value_of(&draft.original, &wanted.axis.value), wanted))
+                {
+                    matched = true;
+                    draft.excluded.get_or_insert_with(|| reason.to_owned());
+                }
+            }
+            if !matched && !self.drafts.is_empty() {
+                self.matches_nothing(exclude);
+            }
+        }
+    }
+
+    /// A near miss is a misspelling, and would measure what was not to be measured: an error. Anything else may be left
+    /// from a longer list of values, or stand for a profile: a warning.
+    fn matches_nothing(&mut self, exclude: &Exclude) {
+        let source = &self.file.source;
+        let usual = [HARDWARE, OS, VIRTUALIZATION];
+        for wanted in &exclude.values {
+            let axis = wanted.axis.value.as_str();
+            let (name, value) = (wanted.axis.span, wanted.value.node.span);
+            if !self.axes.iter().any(|known| known == axis) && !usual.contains(&axis) {
+                self.found.push(
+                    Diagnostic::error(
+                        source,
+                        Code::UnknownKey,
+                        name,
+                        format!("there is no axis `{axis}` to exclude from"),
+                    )
+                    .label("unknown axis")
+                    .help(propose(axis, self.axes.iter().map(String::as_str))),
+                );
+                return;
+            }
+            let values = self
+                .drafts
+                .iter()
+                .filter_map(|draft| value_of(&draft.original, axis));
+            let values: Vec<_> = values.map(|value| value.text.as_str()).collect();
+            let text = wanted.value.text.as_str();
+            if let (false, Some(meant)) = (values.contains(&text), did_you_mean(text, values.iter().copied()))
+            {
+                self.found.push(
+                    Diagnostic::error(
+                        source,
+                        Code::UnknownValue,
+                        value,
+                        format!("no `{axis}` is `{text}`"),
+                    )
+                    .label("unknown value")
+                    .help(format!("did you mean `{meant}`?")),
+                );
+                return;
+            }
+        }
+        let known: HashSet<_> = self
+            .drafts
+            .iter()
+            .flat_map(|draft| draft.original.iter().map(|(a, v)| (a, &v.text)))
+            .collect();
+        let absent = exclude
+            .values
+            .iter()
+            .find(|wanted| !known.contains(&(&wanted.axis.value, &wanted.value.text)));
+        let help = absent.map_or_else(
+            || "no scenario has all of these values together: take one out, or the exclude".to_owned(),
+            |wanted| {
+                let (axis, text) = (&wanted.axis.value, &wanted.value.text);
+                format!("no scenario has `{axis}: {text}`: take the exclude out, or correct the value")
+            },
+        );
+        self.found.push(
+            Diagnostic::warning(
+                source,
+                Code::IdleExclude,
+                exclude.span,
+                "this exclude matches no scenario",
+            )
+            .help(help),
+        );
+    }
+
+    fn include(&mut self, include: &'a Include) {
+        let fits = |draft: &&mut Draft| {
+            let free = |wanted: &Assignment| {
+                let original = value_of(&draft.original, &wanted.axis.value);
+                original.is_none() || same(original, wanted)
+            };
+            draft.excluded.is_none() && draft.made_by.is_none() && include.values.iter().all(free)
+        };
+        let mut fitting = 0;
+        let mut changed = false;
+        for draft in self.drafts.iter_mut().filter(fits) {
+            fitting += 1;
+            for wanted in &include.values {
+                if value_of(&draft.original, &wanted.axis.value).is_none() {
+                    changed |= set(&mut draft.added, wanted);
+                }
+            }
+        }
+        match fitting {
+            0 => self.add(include),
+            _ if changed => {}
+            1 if include
+                .values
+                .iter()
+                .all(|wanted| self.axes.contains(&wanted.axis.value)) =>
+            {
+                self.repeats(include.span, None);
+            }
+            _ => self.found.push(
+                Diagnostic::warning(
+                    &self.file.source,
+                    Code::IdleInclude,
+                    include.span,
+                    "this include changes nothing",
+                )
+                .label(format!("fits {fitting} scenarios, which have all of it"))
+                .help("take it out, or add what is to be different"),
+            ),
+        }
+    }
+
+    /// An include that fits no combination of the axes: one that was excluded, or a new one.
+    fn add(&mut self, include: &Include) {
+        let mut values: Values = Vec::new();
+        for wanted in &include.values {
+            set(&mut values, wanted);
+        }
+        self.complete(&mut values);
+        let is_excluded = |draft: &&mut Draft| {
+            draft.excluded.is_some()
+                && draft.original.iter().all(|(axis, value)| {
+                    value_of(&values, axis).is_some_and(|wanted| wanted.text == value.text)
+                })
+        };
+        if let Some(draft) = self.drafts.iter_mut().find(is_excluded) {
+            draft.excluded = None;
+            values.retain(|(axis, _)| value_of(&draft.original, axis).is_none());
+            draft.added = values;
+            return;
+        }
+        let place = |name: &str| {
+            self.axes
+                .iter()
+                .position(|axis| axis == name)
+                .unwrap_or(usize::MAX)
+        };
+        values.sort_by_key(|(axis, _)| place(axis));
+        self.drafts.push(Draft {
+            original: values,
+            added: Vec::new(),
+            excluded: None,
+            made_by: Some(include.span),
+        });
+    }
+
+    /// Hardware and OS that are not named are those of the first host that offers the rest.
+    fn complete(&self, values: &mut Values) {
+        let wanted = |offer: &Offer| {
+            [HARDWARE, OS].iter().all(|axis| {
+                value_of(values, axis).is_none_or(|value| offer.get(axis) == Some(value.text.as_str()))
+            })
+        };
+        let first = self.pairs(wanted).into_iter().next();
+        for (at, (axis, value)) in first.into_iter().flatten().enumerate() {
+            if value_of(values, &axis).is_none() {
+                values.insert(at.min(values.len()), (axis, value));
+            }
+        }
+    }
+
+    fn repeats(&mut self, span: Span, first: Option<Span>) {
+        let message = "this include repeats a scenario that is there already";
+        let error =
+            Diagnostic::error(&self.file.source, Code::DuplicateScenario, span, message).label("again");
+        let error = match first {
+            Some(first) => error.also(first, "first"),
+            None => error.also(
+                self.file.matrix.axes.first().map_or(span, |axis| axis.name.span),
+                "from the axes",
+            ),
+        };
+        self.found
+            .push(error.help("take it out, or give it a value that the other has not"));
+    }
+
+    fn finish(mut self) -> Vec<Combination> {
+        let drafts = std::mem::take(&mut self.drafts);
+        let mut seen: HashMap<Vec<(String, String)>, Option<Span>> = HashMap::new();
+        let mut combinations = Vec::new();
+        for draft in drafts {
+            let mut axes: Values = draft.original.into_iter().chain(draft.added).collect();
+            if value_of(&axes, VIRTUALIZATION).is_none() {
+                axes.push((VIRTUALIZATION.to_owned(), AxisValue::word("native")));
+            }
+            let mut identity: Vec<_> = axes
+                .iter()
+                .map(|(axis, value)| (axis.clone(), value.text.clone()))
+                .collect();
+            identity.sort();
+            match (seen.get(&identity), draft.made_by) {
+                (Some(first), Some(span)) => {
+                    let first = *first;
+                    self.repeats(span, first);
+                }
+                _ => {
+                    seen.insert(identity, draft.made_by);
+                }
+            }
+            combinations.push(Combination {
+                axes,
+                excluded: draft.excluded,
+            });
+        }
+        if combinations.is_empty() && !self.found.has_errors() {
+            let hosts = list(self.offers.iter().map(|offer| offer.host.as_str()));
+            self.found.push(
+                Diagnostic::error(
+                    &self.file.source,
+                    Code::EmptyAxis,
+                    self.file.matrix.span,
+                    "this makes no scenario",
+                )
+                .help(format!(
+                    "add an axis, as in `virtualization: [native, docker]`, for the hosts {hosts}"
+                )),
+            );
+        }
+        combinations
+    }
+}
+
+fn value_of<'v>(values: &'v Values, axis: &str) -> Option<&'v AxisValue> {
+    values
+        .iter()
+        .find(|(name, _)| name == axis)
+        .map(|(_, value)| value)
+}
+
+fn same(value: Option<&AxisValue>, wanted: &Assignment) -> bool {
+    value.is_some_and(|value| value.text == wanted.value.text)
+}
+
+/// Whether that changed anything.
+fn set(values: &mut Values, wanted: &Assignment) -> bool {
+    match values.iter_mut().find(|(name, _)| *name == wanted.axis.value) {
+        Some((_, value)) if value.text == wanted.value.text => false,
+        Some((_, value)) => {
+            *value = wanted.value.clone();
+            true
+        }
+        None => {
+            values.push((wanted.axis.value.clone(), wanted.value.clone()));
+            true
+        }
+    }
+}

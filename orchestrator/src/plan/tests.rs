@@ -1,0 +1,368 @@
+//! The plan as a whole: the examples, GitHub's own examples, and what no input may do.
+
+use std::collections::{BTreeMap, BTreeSet};
+
+use proptest::prelude::*;
+use rstest::rstest;
+
+use super::*;
+use crate::provider::Availability;
+
+/// A machine on which everything works.
+fn willing(hardware: &str, os: &str) -> HostFacts {
+    let available = || Availability::Available {
+        detail: "works".to_owned(),
+    };
+    HostFacts {
+        hardware: hardware.to_owned(),
+        os: os.to_owned(),
+        providers: crate::provider::NAMES
+            .iter()
+            .map(|name| ((*name).to_owned(), available()))
+            .collect(),
+    }
+}
+
+fn this_machine() -> BTreeMap<String, HostFacts> {
+    BTreeMap::from([("local".to_owned(), willing("x86_64", "debian-12"))])
+}
+
+fn planned(text: &str) -> Result<Plan, Diagnostics> {
+    let file = MatrixFile::parse("matrix.yaml", text.as_bytes(), None)?;
+    plan(&file, &this_machine(), &Selection::default(), 1)
+}
+
+/// Letter and slug of each scenario, excluded ones in parentheses.
+fn table(plan: &Plan) -> String {
+    let line = |scenario: &PlannedScenario| {
+        let name = format!("{} {}", scenario.id, scenario.slug);
+        if scenario.feasible {
+            name
+        } else {
+            format!("({name}) {}", scenario.reason.clone().unwrap_or_default())
+        }
+    };
+    plan.record
+        .scenarios
+        .iter()
+        .map(line)
+        .collect::<Vec<_>>()
+        .join("\n")
+}
+
+fn example(name: &str) -> String {
+    std::fs::read_to_string(format!("{}/../{name}", env!("CARGO_MANIFEST_DIR"))).unwrap()
+}
+
+#[test]
+fn the_papers_nine_scenarios_are_a_to_i_and_a_and_e_are_excluded_for_its_reasons() {
+    let plan = planned(&example("examples/paper.yaml")).unwrap();
+    insta::assert_snapshot!(table(&plan));
+    let excluded = plan
+        .record
+        .scenarios
+        .iter()
+        .filter(|s| s.reason.as_deref().is_some_and(|r| !r.contains("SSH")));
+    assert_eq!(excluded.map(|s| s.id.as_str()).collect::<Vec<_>>(), ["a", "e"]);
+    assert_eq!(plan.record.order, Vec::<String>::new());
+    assert!(plan.warnings.is_empty(), "{}", plan.warnings);
+}
+
+#[test]
+fn the_matrix_for_newcomers_runs_on_this_machine() {
+    let plan = planned(&example("matrix.yaml")).unwrap();
+    insta::assert_snapshot!(table(&plan));
+    assert!(plan.warnings.is_empty(), "{}", plan.warnings);
+    assert_eq!(plan.record.measuring_s, 3.0 * 24_000.0);
+    assert_eq!(plan.record.scenarios[0].settings, Settings::default());
+}
+
+#[test]
+fn the_quick_profile_takes_at_most_five_minutes_for_two_scenarios_and_can_still_reject() {
+    let file = MatrixFile::parse("matrix.yaml", example("matrix.yaml").as_bytes(), Some("quick")).unwrap();
+    let selection = Selection {
+        skip: vec!["virtualization=virtualbox".to_owned()],
+        ..Selection::default()
+    };
+    let plan = plan(&file, &this_machine(), &selection, 1).unwrap();
+    assert!(plan.record.measuring_s <= 300.0, "{}", plan.record.measuring_s);
+    let attainable = plan.attainable.unwrap();
+    assert!(attainable.worst.p < attainable.alpha, "{attainable:?}");
+    assert!(plan.warnings.is_empty(), "{}", plan.warnings);
+    assert_eq!(
+        plan.record.scenarios[2].not_selected.as_deref(),
+        Some("left out by `--skip virtualization=virtualbox`")
+    );
+}
+
+#[test]
+fn the_sweep_example_sweeps() {
+    let plan = planned(&example("examples/sweep.yaml")).unwrap();
+    insta::assert_snapshot!(table(&plan));
+    let network = |index: usize| &plan.record.scenarios[index].settings.network;
+    assert_eq!(network(0).loss.to_string(), "0%");
+    assert_eq!(network(0).jitter.to_string(), "5ms");
+    assert_eq!(network(5).loss.to_string(), "5%");
+    assert_eq!(network(5).jitter.to_string(), "1ms");
+    assert!(plan.warnings.is_empty(), "{}", plan.warnings);
+}
+
+/// What GitHub's documentation says its own examples expand to, `key: value` pairs sorted, without what every scenario of
+/// ours has besides.
+fn as_github_lists(text: &str) -> Vec<String> {
+    let plan = planned(text).unwrap();
+    let own =
+        |axis: &str| matches!(axis, "hardware" | "virtualization") || (axis == "os" && !text.contains("os:"));
+    let line = |scenario: &PlannedScenario| {
+        let pairs = scenario.axes.iter().filter(|(axis, _)| !own(axis));
+        let pairs: BTreeSet<_> = pairs
+            .map(|(axis, value)| format!("{axis}:{}", value.as_str().unwrap()))
+            .collect();
+        let line = pairs.into_iter().collect::<Vec<_>>().join(" ");
+        if scenario
+            .reason
+            .as_deref()
+            .is_some_and(|reason| reason.contains("exclude"))
+        {
+            format!("-{line}")
+        } else {
+            line
+        }
+    };
+    plan.record.scenarios.iter().map(line).collect()
+}
+
+#[rstest]
+#[case::include_expands_and_adds(
+    "matrix:\n  fruit: [apple, pear]\n  animal: [cat, dog]\n  include:\n    - color: green\n    - color: pink\n      \
+     animal: cat\n    - fruit: apple\n      shape: circle\n    - fruit: banana\n    - fruit: banana\n      animal: cat\n",
+    &[
+        "animal:cat color:pink fruit:apple shape:circle",
+        "animal:dog color:green fruit:apple shape:circle",
+        "animal:cat color:pink fruit:pear",
+        "animal:dog color:green fruit:pear",
+        "fruit:banana",
+        "animal:cat fruit:banana",
+    ]
+)]
+#[case::expanding_configurations(
+    "matrix:\n  os: [windows-latest, ubuntu-latest]\n  node: [14, 16]\n  include:\n    - os: windows-latest\n      \
+     node: 16\n      npm: 6\n",
+    &[
+        "node:14 os:windows-latest",
+        "node:16 npm:6 os:windows-latest",
+        "node:14 os:ubuntu-latest",
+        "node:16 os:ubuntu-latest",
+    ]
+)]
+#[case::adding_configurations(
+    "matrix:\n  os: [macos-latest, windows-latest, ubuntu-latest]\n  version: [12, 14, 16]\n  include:\n    - os: \
+     windows-latest\n      version: 17\n",
+    &[
+        "os:macos-latest version:12", "os:macos-latest version:14", "os:macos-latest version:16",
+        "os:windows-latest version:12", "os:windows-latest version:14", "os:windows-latest version:16",
+        "os:ubuntu-latest version:12", "os:ubuntu-latest version:14", "os:ubuntu-latest version:16",
+        "os:windows-latest version:17",
+    ]
+)]
+#[case::includes_alone(
+    "matrix:\n  include:\n    - site: production\n      datacenter: site-a\n    - site: staging\n      datacenter: site-b\n",
+    &["datacenter:site-a site:production", "datacenter:site-b site:staging"]
+)]
+#[case::excluding(
+    "matrix:\n  os: [macos-latest, windows-latest]\n  version: [12, 14, 16]\n  environment: [staging, production]\n  \
+     exclude:\n    - os: macos-latest\n      version: 12\n      environment: production\n    - os: windows-latest\n      \
+     version: 16\n",
+    &[
+        "environment:staging os:macos-latest version:12", "-environment:production os:macos-latest version:12",
+        "environment:staging os:macos-latest version:14", "environment:production os:macos-latest version:14",
+        "environment:staging os:macos-latest version:16", "environment:production os:macos-latest version:16",
+        "environment:staging os:windows-latest version:12", "environment:production os:windows-latest version:12",
+        "environment:staging os:windows-latest version:14", "environment:production os:windows-latest version:14",
+        "-environment:staging os:windows-latest version:16", "-environment:production os:windows-latest version:16",
+    ]
+)]
+#[case::an_include_brings_back_what_was_excluded(
+    "matrix:\n  fruit: [apple, pear]\n  virtualization: [native, docker]\n  exclude:\n    - fruit: apple\n  include:\n    \
+     - fruit: apple\n      virtualization: docker\n      color: red\n",
+    &["-fruit:apple", "color:red fruit:apple", "fruit:pear", "fruit:pear"]
+)]
+fn expansion_is_githubs(#[case] text: &str, #[case] expected: &[&str]) {
+    assert_eq!(as_github_lists(text), expected);
+}
+
+#[test]
+fn an_include_may_leave_to_the_hosts_what_it_brings_back() {
+    let paper = example("examples/paper.yaml");
+    let text = paper.replace(
+        "workload:",
+        "  include:\n    - {hardware: i686, virtualization: docker}\nworkload:",
+    );
+    let plan = planned(&text).unwrap();
+    assert_eq!(plan.record.scenarios.len(), 9);
+    assert!(
+        plan.record.scenarios[0]
+            .reason
+            .as_deref()
+            .unwrap()
+            .contains("SSH")
+    );
+}
+
+const TWO_HOSTS: &str = "hosts:\n  one: {hardware: i686, os: ubuntu}\n  two: {hardware: arm64, os: osx}\n";
+
+#[rstest]
+#[case::neither_listed("matrix: {}", &["i686-ubuntu-native", "arm64-osx-native"])]
+#[case::one_listed_gives_the_other("matrix: {os: [osx, ubuntu]}", &["arm64-osx-native", "i686-ubuntu-native"])]
+#[case::both_listed_are_axes_like_any_other(
+    "matrix: {hardware: [i686, arm64], os: [ubuntu, osx]}",
+    &["i686-ubuntu-native", "(i686-osx-native)", "(arm64-ubuntu-native)", "arm64-osx-native"]
+)]
+#[case::one_that_nobody_offers("matrix: {os: [beos]}", &["(beos-native)"])]
+fn hosts_give_what_no_axis_does(#[case] matrix: &str, #[case] expected: &[&str]) {
+    let text = format!("{TWO_HOSTS}{matrix}\n");
+    let file = MatrixFile::parse("matrix.yaml", text.as_bytes(), None).unwrap();
+    let facts = BTreeMap::from(["one", "two"].map(|name| (name.to_owned(), willing("x86_64", "debian-12"))));
+    let plan = plan(&file, &facts, &Selection::default(), 1).unwrap();
+    let line = |s: &PlannedScenario| {
+        if s.feasible {
+            s.slug.clone()
+        } else {
+            format!("({})", s.slug)
+        }
+    };
+    assert_eq!(
+        plan.record.scenarios.iter().map(line).collect::<Vec<_>>(),
+        expected
+    );
+}
+
+#[test]
+fn a_combination_that_no_host_offers_says_so_and_what_was_meant() {
+    let plan = planned("matrix: {hardware: [x86_46], os: [debian-12]}").unwrap();
+    let scenario = &plan.record.scenarios[0];
+    assert_eq!(
+        scenario.reason.as_deref(),
+        Some("no host offers hardware `x86_46` with os `debian-12`; did you mean `x86_64`?")
+    );
+    assert!(
+        scenario
+            .fix
+            .as_deref()
+            .unwrap()
+            .contains("`x86_64 debian-12 (local)`"),
+        "{:?}",
+        scenario.fix
+    );
+}
+
+#[test]
+fn what_a_provider_lacks_is_the_reason_and_its_fix_the_fix() {
+    let file = MatrixFile::parse("m", b"matrix: {virtualization: [native, docker]}", None).unwrap();
+    let mut facts = this_machine();
+    facts.get_mut("local").unwrap().providers.insert(
+        "docker".to_owned(),
+        Availability::Unavailable {
+            reason: "no engine answers".to_owned(),
+            fix: Some("apt-get install docker.io".to_owned()),
+        },
+    );
+    let plan = plan(&file, &facts, &Selection::default(), 1).unwrap();
+    assert_eq!(
+        plan.record.scenarios[1].reason.as_deref(),
+        Some("no engine answers")
+    );
+    assert_eq!(
+        plan.record.scenarios[1].fix.as_deref(),
+        Some("apt-get install docker.io")
+    );
+    assert_eq!(plan.record.order, ["a"]);
+}
+
+#[test]
+fn of_two_hosts_with_the_same_offer_the_one_that_can_is_taken() {
+    let text = "hosts:\n  one: {hardware: x, os: y}\n  two: {hardware: x, os: y}\nmatrix: {}\n";
+    let file = MatrixFile::parse("m", text.as_bytes(), None).unwrap();
+    let plan = plan(
+        &file,
+        &BTreeMap::from([("two".to_owned(), willing("x", "y"))]),
+        &Selection::default(),
+        1,
+    )
+    .unwrap();
+    assert_eq!(plan.record.scenarios.len(), 1);
+    assert_eq!(plan.record.scenarios[0].host.as_deref(), Some("two"));
+    assert!(plan.record.scenarios[0].feasible);
+}
+
+#[test]
+fn the_same_seed_gives_the_same_plan_and_another_another_order() {
+    let text = "matrix: {network.seed: [1, 2, 3, 4, 5, 6, 7, 8]}";
+    let file = MatrixFile::parse("m", text.as_bytes(), None).unwrap();
+    let with = |seed| plan(&file, &this_machine(), &Selection::default(), seed).unwrap();
+    assert_eq!(with(7), with(7));
+    assert_ne!(with(7).record.order, with(8).record.order);
+    assert_eq!(with(7).record.scenarios, with(8).record.scenarios);
+}
+
+#[test]
+fn values_keep_their_spelling() {
+    let plan = planned("matrix: {release: [22.10, 1e3, true, 0x10, '01']}").unwrap();
+    let values: Vec<_> = plan
+        .record
+        .scenarios
+        .iter()
+        .map(|s| s.axis("release").unwrap())
+        .collect();
+    assert_eq!(values, ["22.10", "1e3", "true", "0x10", "01"]);
+}
+
+#[test]
+fn a_design_that_cannot_reach_alpha_is_told_what_would() {
+    let plan = planned("matrix: {}\nworkload: {window: 200s}\n").unwrap();
+    let warning = plan.warnings.iter().next().unwrap();
+    assert_eq!(warning.code, Code::NeverRejects);
+    assert!(
+        warning.help.as_deref().unwrap().contains("`window: 800s`"),
+        "{:?}",
+        warning.help
+    );
+    // What it proposes does.
+    let plan = planned("matrix: {}\nworkload: {window: 800s}\n").unwrap();
+    assert!(plan.warnings.is_empty(), "{}", plan.warnings);
+}
+
+proptest! {
+    #[test]
+    fn no_text_makes_it_panic(text in "(matrix|hosts|workload|report|profiles|[a-z.]{1,8}|[0-9]{1,3}(ms|%|Hz)?|\
+        [-:,?&*!|>%@`#'\"{}\\[\\]\n\t ]|: |\n  |\n- |\\PC){0,80}") {
+        if let Err(found) = planned(&text) {
+            prop_assert!(!found.to_string().is_empty());
+            prop_assert!(found.has_errors());
+        }
+    }
+
+    #[test]
+    fn no_mutilated_file_makes_it_panic(at in 0_usize..1800, length in 0_usize..40, with in "\\PC{0,6}|\n|\t|\\{|- ") {
+        let text: Vec<char> = example("examples/paper.yaml").chars().collect();
+        let (start, end) = (at.min(text.len()), (at + length).min(text.len()));
+        let mutilated: String = text[..start].iter().copied().chain(with.chars()).chain(text[end..].iter().copied()).collect();
+        if let Err(found) = planned(&mutilated) {
+            prop_assert!(!found.to_string().is_empty());
+        }
+    }
+
+    #[test]
+    fn every_plan_has_unique_names_and_an_order_of_the_feasible(values in prop::collection::hash_set("[a-zA-Z0-9 ./-]{1,70}", 1..20), seed: u64) {
+        let list: Vec<_> = values.iter().map(|value| format!("'{value}'")).collect();
+        let text = format!("matrix: {{label: [{}], virtualization: [fake, native]}}", list.join(", "));
+        let file = MatrixFile::parse("m", text.as_bytes(), None);
+        prop_assume!(file.is_ok());
+        let plan = plan(&file.unwrap(), &this_machine(), &Selection::default(), seed).unwrap();
+        let slugs: BTreeSet<_> = plan.record.scenarios.iter().map(|s| &s.slug).collect();
+        prop_assert_eq!(slugs.len(), values.len() * 2);
+        let order: BTreeSet<_> = plan.record.order.iter().collect();
+        prop_assert_eq!(order.len(), values.len() * 2);
+        prop_assert_eq!(plan.record.order.len(), values.len() * 2);
+    }
+}
