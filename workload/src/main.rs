@@ -1,2 +1,231 @@
-//! (being written)
-fn main() {}
+//! The `workload` binary: what is deployed into an environment.
+//!
+//! Exit codes: 0 all windows are on disk (or the check was made, whatever it found), 1 the experiment went wrong, 2 the
+//! call or the settings are wrong, 3 the platform does not offer what is needed, 4 it was asked to stop and did so in
+//! order.
+
+use std::{
+    io::{self, Write},
+    path::PathBuf,
+    process::ExitCode,
+    sync::{
+        Arc,
+        atomic::{AtomicBool, Ordering},
+    },
+    thread,
+};
+
+use clap::{Args, Parser, Subcommand};
+use nix::sys::signal::{SigSet, Signal};
+use workload::{
+    experiment::{self, Ending, ExperimentError, Reporter, Request},
+    network,
+    record::progress::Progress,
+    settings::Settings,
+    survey::{self, with_causes},
+};
+
+const FAILED: u8 = 1;
+const WRONG_CALL: u8 = 2;
+const PLATFORM_LACKS: u8 = 3;
+const STOPPED: u8 = 4;
+
+/// One networked control experiment, in one environment.
+#[derive(Debug, Parser)]
+#[command(version, about)]
+struct Call {
+    #[command(subcommand)]
+    command: Command,
+}
+
+#[derive(Debug, Subcommand)]
+enum Command {
+    /// Measure windows. Says where it is as lines of JSON; SIGTERM ends it in order.
+    Run(Run),
+    /// Say whether this place can run the experiment, as JSON.
+    Check(Check),
+}
+
+#[derive(Debug, Args)]
+struct Run {
+    /// Name of the environment, kept with each window.
+    #[arg(long)]
+    environment: String,
+    /// The settings, as JSON; what is left out is the paper's.
+    #[arg(long, default_value = "{}")]
+    settings: String,
+    /// Folder for the data; made if it is not there.
+    #[arg(long)]
+    data: PathBuf,
+    /// Numbers of the windows to measure.
+    #[arg(long, value_delimiter = ',', required = true, value_parser = clap::value_parser!(u32).range(1..))]
+    windows: Vec<u32>,
+}
+
+#[derive(Debug, Args)]
+struct Check {
+    /// The settings, as JSON; what is left out is the paper's.
+    #[arg(long, default_value = "{}")]
+    settings: String,
+}
+
+/// Why there is nothing to measure.
+#[derive(Debug, thiserror::Error)]
+enum WrongCall {
+    #[error("the settings cannot be read")]
+    Unreadable(#[from] serde_json::Error),
+    #[error("{path}: {message}")]
+    Problem {
+        path: &'static str,
+        message: String,
+        hint: String,
+    },
+    #[error("window {0} is listed twice")]
+    Twice(u32),
+}
+
+impl WrongCall {
+    fn hint(&self) -> Option<String> {
+        match self {
+            Self::Unreadable(_) => None,
+            Self::Problem { hint, .. } => Some(hint.clone()),
+            Self::Twice(_) => Some("list each window once".into()),
+        }
+    }
+}
+
+fn main() -> ExitCode {
+    match Call::parse().command {
+        Command::Run(call) => run(call),
+        Command::Check(call) => check(&call),
+    }
+}
+
+fn run(call: Run) -> ExitCode {
+    // While this is the only thread: the kernel asks for that, and the threads to come inherit the blocked signals.
+    let namespace_root = network::become_namespace_root();
+    let ends = block_signals();
+    let made = std::fs::create_dir_all(&call.data);
+    let reporter = Reporter::start(Some(&call.data.join("progress.jsonl")));
+    reporter.say(&Progress::Started {
+        pid: std::process::id(),
+    });
+    let code = match request(call) {
+        Err(wrong) => report_failure(&reporter, with_causes(&wrong), wrong.hint(), false, WRONG_CALL),
+        Ok(request) => {
+            let stop = Arc::new(AtomicBool::new(false));
+            let path = request.data.clone();
+            let outcome = made
+                .map_err(|source| ExperimentError::Write { path, source })
+                .and_then(|()| Ok(namespace_root?))
+                .and_then(|()| set_when_told(ends, &stop))
+                .and_then(|()| experiment::run(&request, &reporter, &stop));
+            report_outcome(&reporter, outcome)
+        }
+    };
+    reporter.finish();
+    ExitCode::from(code)
+}
+
+fn request(call: Run) -> Result<Request, WrongCall> {
+    let settings = read_settings(&call.settings)?;
+    let mut seen = std::collections::BTreeSet::new();
+    if let Some(twice) = call.windows.iter().find(|window| !seen.insert(**window)) {
+        return Err(WrongCall::Twice(*twice));
+    }
+    Ok(Request {
+        environment: call.environment,
+        settings,
+        data: call.data,
+        windows: call.windows,
+    })
+}
+
+fn read_settings(json: &str) -> Result<Settings, WrongCall> {
+    let settings: Settings = serde_json::from_str(json)?;
+    match settings.problems().into_iter().next() {
+        Some(problem) => Err(WrongCall::Problem {
+            path: problem.path,
+            message: problem.message,
+            hint: problem.hint,
+        }),
+        None => Ok(settings),
+    }
+}
+
+fn report_outcome(reporter: &Reporter, outcome: Result<Ending, ExperimentError>) -> u8 {
+    match outcome {
+        Ok(Ending::Finished) => {
+            reporter.say(&Progress::Finished);
+            0
+        }
+        Ok(Ending::Stopped { window }) => {
+            reporter.say(&Progress::Stopped { window });
+            STOPPED
+        }
+        Err(error) => {
+            let platform = error.is_of_platform();
+            let code = if platform { PLATFORM_LACKS } else { FAILED };
+            report_failure(reporter, with_causes(&error), error.hint(), platform, code)
+        }
+    }
+}
+
+fn report_failure(reporter: &Reporter, reason: String, hint: Option<String>, platform: bool, code: u8) -> u8 {
+    complain(&reason, hint.as_deref());
+    reporter.say(&Progress::Failed {
+        reason,
+        hint,
+        platform,
+    });
+    code
+}
+
+/// For who reads standard error; nothing depends on it.
+fn complain(reason: &str, hint: Option<&str>) {
+    let hint = hint.map(|hint| format!("\nhint: {hint}")).unwrap_or_default();
+    let _ = writeln!(io::stderr(), "error: {reason}{hint}");
+}
+
+fn check(call: &Check) -> ExitCode {
+    let settings = match read_settings(&call.settings) {
+        Ok(settings) => settings,
+        Err(wrong) => {
+            complain(&with_causes(&wrong), wrong.hint().as_deref());
+            return ExitCode::from(WRONG_CALL);
+        }
+    };
+    let namespace_root = network::become_namespace_root();
+    let found = survey::check(&settings, namespace_root);
+    // Plain data can always be written as JSON.
+    let text = serde_json::to_string(&found).unwrap_or_default();
+    match writeln!(io::stdout(), "{text}") {
+        Ok(()) => ExitCode::SUCCESS,
+        Err(_) => ExitCode::from(FAILED),
+    }
+}
+
+/// Blocks the signals that end a process for all threads to come. SIGHUP stays blocked for ever: the run outlives the
+/// terminal or connection that started it. Rust's runtime ignores SIGPIPE already.
+fn block_signals() -> SigSet {
+    let ends = SigSet::from_iter([Signal::SIGTERM, Signal::SIGINT]);
+    let mut blocked = ends;
+    blocked.add(Signal::SIGHUP);
+    // It fails for an invalid argument only.
+    let _ = blocked.thread_block();
+    ends
+}
+
+/// Sets `stop` when one of the signals comes.
+fn set_when_told(ends: SigSet, stop: &Arc<AtomicBool>) -> Result<(), ExperimentError> {
+    let stop = Arc::clone(stop);
+    let name = "signals";
+    let watcher = thread::Builder::new().name(name.into()).spawn(move || {
+        if ends.wait().is_ok() {
+            stop.store(true, Ordering::Relaxed);
+        }
+    });
+    watcher
+        .map(drop)
+        .map_err(|source| ExperimentError::Thread { name, source })
+}

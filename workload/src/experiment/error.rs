@@ -1,0 +1,94 @@
+//! What can end the experiment early. The main type is [`ExperimentError`].
+
+use std::{io, path::PathBuf};
+
+use crate::{capture::CaptureError, network::NetworkError, ros::RosError, virtual_host::VirtualHost};
+
+/// Why the experiment could not go on.
+#[derive(Debug, thiserror::Error)]
+pub enum ExperimentError {
+    /// There is no network, or no longer.
+    #[error("the virtual hosts' network failed")]
+    Network(#[from] NetworkError),
+    /// A capture could not be had.
+    #[error("the capture failed")]
+    Capture(#[from] CaptureError),
+    /// The nodes could not be connected.
+    #[error("the ROS nodes could not be connected")]
+    Ros(#[from] RosError),
+    /// The master's port could not be had.
+    #[error("the ROS master cannot listen on {host}")]
+    MasterPort {
+        /// Where.
+        host: VirtualHost,
+        /// What the system said.
+        source: io::Error,
+    },
+    /// A thread could not be started.
+    #[error("the thread `{name}` could not be started")]
+    Thread {
+        /// Which.
+        name: &'static str,
+        /// What the system said.
+        source: io::Error,
+    },
+    /// A thread ended before it was told to.
+    #[error("the thread `{name}` ended early")]
+    ThreadEnded {
+        /// Which.
+        name: &'static str,
+    },
+    /// A file could not be written.
+    #[error("{} could not be written", path.display())]
+    Write {
+        /// Which.
+        path: PathBuf,
+        /// What the system said.
+        source: io::Error,
+    },
+    /// There is something where a window is to be written.
+    #[error("{} is there already", path.display())]
+    Taken {
+        /// The window's folder.
+        path: PathBuf,
+    },
+}
+
+impl ExperimentError {
+    /// What to do about it, where that is known.
+    #[must_use]
+    pub fn hint(&self) -> Option<String> {
+        match self {
+            Self::Network(error) => error.hint(),
+            Self::Capture(error) => error.hint(),
+            Self::Ros(error) => error.hint().map(str::to_owned),
+            Self::Thread { .. } => {
+                Some("raise the limit of processes (`ulimit -u`, or the container's `pids` limit)".into())
+            }
+            Self::Write { source, .. } => match source.kind() {
+                io::ErrorKind::StorageFull => Some("make room on the disk".into()),
+                io::ErrorKind::PermissionDenied | io::ErrorKind::ReadOnlyFilesystem => {
+                    Some("choose a data folder that you may write to".into())
+                }
+                _ => None,
+            },
+            Self::Taken { .. } => {
+                Some("choose a data folder without windows: none is ever overwritten".into())
+            }
+            Self::MasterPort { .. } | Self::ThreadEnded { .. } => None,
+        }
+    }
+
+    /// Whether the platform did not offer what is needed, rather than the experiment itself having gone wrong.
+    #[must_use]
+    pub const fn is_of_platform(&self) -> bool {
+        match self {
+            Self::Network(_)
+            | Self::Capture(_)
+            | Self::MasterPort { .. }
+            | Self::Thread { .. }
+            | Self::Write { .. } => true,
+            Self::Ros(_) | Self::ThreadEnded { .. } | Self::Taken { .. } => false,
+        }
+    }
+}

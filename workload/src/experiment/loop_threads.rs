@@ -1,0 +1,148 @@
+//! The threads of the two loops: started early, so that what they are granted is known before anything is measured,
+//! and then told when to begin. The main type is [`LoopThreads`].
+
+use std::{
+    sync::mpsc::{Receiver, Sender, channel},
+    thread::{self, JoinHandle},
+};
+
+use rtrb::{Consumer, RingBuffer};
+
+use super::{
+    connection::{ControllerEnds, PlantEnds},
+    error::ExperimentError,
+    loops::{ControllerLoop, PlantLoop, Shared},
+    schedule::{Schedule, Tick},
+};
+use crate::{
+    controller::Controller,
+    plant::PlantModel,
+    realtime::enter_realtime,
+    record::{control_log::ControlRow, platform::RealtimeGrant},
+    reference::Reference,
+    settings::{RealtimeSettings, Settings},
+};
+
+/// How many seconds of rows the queues hold: a disk may hang that long.
+const QUEUE_SECONDS: f64 = 60.0;
+
+/// Both loops, waiting for their schedule.
+pub struct LoopThreads {
+    controller: LoopThread,
+    plant: LoopThread,
+}
+
+/// What the recorder reads.
+pub struct Queues {
+    /// The controller's rows.
+    pub rows: Consumer<ControlRow>,
+    /// The plant's ticks.
+    pub ticks: Consumer<Tick>,
+}
+
+impl LoopThreads {
+    /// Starts both threads and says what they were granted; where they differ, the refusal counts.
+    ///
+    /// # Errors
+    /// If a thread cannot be started.
+    pub fn start(
+        settings: &Settings,
+        (publisher, commands): PlantEnds,
+        (command_publisher, states): ControllerEnds,
+    ) -> Result<(Self, Queues, RealtimeGrant), ExperimentError> {
+        let capacity = ((settings.rate.hz() * QUEUE_SECONDS) as usize).max(1024);
+        let (row_queue, rows) = RingBuffer::new(capacity);
+        let (tick_queue, ticks) = RingBuffer::new(capacity);
+        let plant = PlantLoop {
+            model: PlantModel::new(&settings.plant, settings.rate.step()),
+            publisher,
+            commands,
+            ticks: tick_queue,
+        };
+        let controller = ControllerLoop {
+            reference: Reference::new(settings),
+            controller: Controller::new(&settings.control),
+            publisher: command_publisher,
+            states,
+            rows: row_queue,
+        };
+        let wishes = &settings.realtime;
+        let (plant, plant_grant) = LoopThread::start("plant", wishes, move |schedule, shared| {
+            plant.run(schedule, shared)
+        })?;
+        let (controller, grant) = LoopThread::start("controller", wishes, move |schedule, shared| {
+            controller.run(schedule, shared)
+        })?;
+        let grant = if plant_grant.priority_refusal.is_some() {
+            plant_grant
+        } else {
+            grant
+        };
+        Ok((Self { controller, plant }, Queues { rows, ticks }, grant))
+    }
+
+    /// Tells both when to begin.
+    ///
+    /// # Errors
+    /// If one has ended.
+    pub fn begin(
+        &self,
+        plant: Schedule,
+        controller: Schedule,
+        shared: &Shared,
+    ) -> Result<(), ExperimentError> {
+        self.plant.begin(plant, shared)?;
+        self.controller.begin(controller, shared)
+    }
+
+    /// Waits until both have ended. Loops that were never begun end at once.
+    ///
+    /// # Errors
+    /// If one ended in a panic.
+    pub fn join(self) -> Result<(), ExperimentError> {
+        let plant = self.plant.join();
+        self.controller.join()?;
+        plant
+    }
+}
+
+struct LoopThread {
+    name: &'static str,
+    begins: Sender<(Schedule, Shared)>,
+    thread: JoinHandle<()>,
+}
+
+impl LoopThread {
+    fn start(
+        name: &'static str,
+        wishes: &RealtimeSettings,
+        run: impl FnOnce(&Schedule, &Shared) + Send + 'static,
+    ) -> Result<(Self, RealtimeGrant), ExperimentError> {
+        let (begins, to_begin): (_, Receiver<(Schedule, Shared)>) = channel();
+        let (grants, granted) = channel();
+        let wishes = wishes.clone();
+        let thread = thread::Builder::new().name(name.into()).spawn(move || {
+            let _ = grants.send(enter_realtime(&wishes));
+            if let Ok((schedule, shared)) = to_begin.recv() {
+                run(&schedule, &shared);
+            }
+        });
+        let thread = thread.map_err(|source| ExperimentError::Thread { name, source })?;
+        let grant = granted
+            .recv()
+            .map_err(|_| ExperimentError::ThreadEnded { name })?;
+        Ok((Self { name, begins, thread }, grant))
+    }
+
+    fn begin(&self, schedule: Schedule, shared: &Shared) -> Result<(), ExperimentError> {
+        let ended = ExperimentError::ThreadEnded { name: self.name };
+        self.begins.send((schedule, shared.clone())).map_err(|_| ended)
+    }
+
+    fn join(self) -> Result<(), ExperimentError> {
+        drop(self.begins);
+        self.thread
+            .join()
+            .map_err(|_| ExperimentError::ThreadEnded { name: self.name })
+    }
+}

@@ -1,0 +1,219 @@
+//! A window under way: what belongs to it is gathered until it can be sealed. The main type is [`OpenWindow`].
+
+use std::{io, path::Path};
+
+use super::{
+    control_file::{ControlFile, RowCounts},
+    error::ExperimentError,
+    lateness::Lateness,
+    schedule::Tick,
+    snapshot::Snapshot,
+    validity::{self, Expectation},
+    window_folder::WindowFolder,
+};
+use crate::{
+    capture::CapturedWindow,
+    record::{
+        self,
+        control_log::ControlRow,
+        window::{CaptureRecord, Verdict, WindowRecord},
+    },
+};
+
+/// What does not change from one window to the next.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct WindowShape {
+    /// The environment's name.
+    pub environment: String,
+    /// Control steps of a window.
+    pub steps: u64,
+    /// Length of a step.
+    pub step_ns: i64,
+    /// How many captures each has.
+    pub captures: usize,
+}
+
+/// A window whose steps are being done, or whose captures are being completed.
+#[derive(Debug)]
+pub struct OpenWindow {
+    shape: WindowShape,
+    number: u32,
+    /// Position in the run, from 0.
+    position: u64,
+    folder: WindowFolder,
+    control: ControlFile,
+    plant: Lateness,
+    captures: Vec<CaptureRecord>,
+    captures_to_come: usize,
+    capture_failures: Vec<String>,
+    began: Snapshot,
+}
+
+/// A window whose logs and captures are whole on disk.
+#[derive(Debug)]
+pub struct ClosedWindow {
+    /// Where.
+    pub folder: WindowFolder,
+    /// All but its `files`.
+    pub record: WindowRecord,
+}
+
+impl OpenWindow {
+    /// Opens the log of the window at that position of the run.
+    ///
+    /// # Errors
+    /// If the log cannot be created.
+    pub fn begin(
+        shape: &WindowShape,
+        (number, position): (u32, u64),
+        folder: WindowFolder,
+        last_row: Option<ControlRow>,
+        began: Snapshot,
+    ) -> Result<Self, ExperimentError> {
+        let control = ControlFile::create(folder.path(), RowCounts::after(last_row, shape.steps))
+            .map_err(write_error(folder.path()))?;
+        Ok(Self {
+            number,
+            position,
+            control,
+            plant: Lateness::with_capacity(shape.steps),
+            captures: Vec::new(),
+            captures_to_come: shape.captures,
+            capture_failures: Vec::new(),
+            began,
+            folder,
+            shape: shape.clone(),
+        })
+    }
+
+    /// Its number.
+    #[must_use]
+    pub fn number(&self) -> u32 {
+        self.number
+    }
+
+    /// What is counted on its control steps.
+    #[must_use]
+    pub fn counts(&self) -> &RowCounts {
+        self.control.counts()
+    }
+
+    /// Whether a step of the run belongs to it.
+    #[must_use]
+    pub fn contains(&self, step: u64) -> bool {
+        step / self.shape.steps.max(1) == self.position
+    }
+
+    /// One control step.
+    ///
+    /// # Errors
+    /// If it cannot be written.
+    pub fn add_row(&mut self, row: &ControlRow) -> Result<(), ExperimentError> {
+        self.control
+            .write(row, self.shape.step_ns)
+            .map_err(write_error(self.folder.path()))
+    }
+
+    /// Steps of the plant so far.
+    #[must_use]
+    pub fn plant_steps(&self) -> u64 {
+        self.plant.steps()
+    }
+
+    /// One of the plant's steps.
+    pub fn add_tick(&mut self, tick: &Tick) {
+        self.plant.add(tick.lateness_ns(), self.shape.step_ns);
+    }
+
+    /// One of its captures is complete, if it is one of its own.
+    pub fn add_capture(&mut self, captured: &CapturedWindow) {
+        if captured.file.parent() == Some(self.folder.path()) {
+            self.captures_to_come = self.captures_to_come.saturating_sub(1);
+            match &captured.outcome {
+                Ok(record) => self.captures.push(record.clone()),
+                Err(error) => self.capture_failures.push(format!(
+                    "A capture failed: {}.",
+                    crate::survey::with_causes(error)
+                )),
+            }
+        }
+    }
+
+    /// Whether captures are still to come.
+    #[must_use]
+    pub fn waits_for_captures(&self) -> bool {
+        self.captures_to_come > 0
+    }
+
+    /// Closes it: complete if all steps were to be done by `ended`, else cut there.
+    ///
+    /// # Errors
+    /// If what is gathered cannot be written.
+    pub fn close(
+        self,
+        ended: &Snapshot,
+        span: &WindowSpan,
+        log_dropped: u64,
+    ) -> Result<ClosedWindow, ExperimentError> {
+        let counts = self.control.finish().map_err(write_error(self.folder.path()))?;
+        let shape = &self.shape;
+        let mut captures = self.captures;
+        captures.sort_by_key(|capture| capture.host);
+        let mut record = WindowRecord {
+            format: record::FORMAT,
+            window: self.number,
+            environment: shape.environment.clone(),
+            starts_run: self.position == 0,
+            complete: span.complete,
+            started_unix_ns: self.began.unix_ns(span.zero_ns + span.started_ns),
+            ended_unix_ns: ended.unix_ns(span.zero_ns + span.ended_ns),
+            started_ns: span.started_ns,
+            ended_ns: span.ended_ns,
+            steps_expected: shape.steps,
+            steps_done: counts.lateness.steps(),
+            stale_steps: counts.stale_steps,
+            longest_gap_ns: counts.longest_gap_ns,
+            controller: counts.lateness.into_record(shape.step_ns),
+            plant: self.plant.into_record(shape.step_ns),
+            clock_jump_ns: ended.unix_offset_ns - self.began.unix_offset_ns,
+            log_dropped,
+            cpu_share: ended.cpu_share_since(&self.began),
+            captures,
+            links: ended.links_since(&self.began),
+            files: Vec::new(),
+            verdict: Verdict::Valid,
+            reasons: Vec::new(),
+        };
+        let expected = Expectation {
+            step_ns: shape.step_ns,
+            captures: shape.captures,
+        };
+        (record.verdict, record.reasons) = validity::judge(&record, &expected);
+        record.reasons.extend(self.capture_failures);
+        Ok(ClosedWindow {
+            folder: self.folder,
+            record,
+        })
+    }
+}
+
+/// From when to when a window was.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct WindowSpan {
+    /// The experiment's zero, on the monotonic clock.
+    pub zero_ns: i64,
+    /// Its start, on the experiment's clock.
+    pub started_ns: i64,
+    /// Its end, on the experiment's clock.
+    pub ended_ns: i64,
+    /// Whether that is the end it was to have.
+    pub complete: bool,
+}
+
+fn write_error(folder: &Path) -> impl Fn(io::Error) -> ExperimentError {
+    let path = folder.join(ControlFile::NAME);
+    move |source| ExperimentError::Write {
+        path: path.clone(),
+        source,
+    }
+}

@@ -1,0 +1,125 @@
+//! What is read at each boundary between two windows, so that a window's own share is a difference. The main type is
+//! [`Snapshot`].
+
+use nix::sys::{
+    resource::{UsageWho, getrusage},
+    time::TimeValLike,
+};
+
+use crate::{
+    network::Network,
+    realtime::{monotonic_ns, unix_ns},
+    record::window::{LinkRecord, PassRecord},
+};
+
+/// Clocks and counters at one moment.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Snapshot {
+    /// When, on the monotonic clock.
+    pub monotonic_ns: i64,
+    /// Wall clock minus monotonic clock.
+    pub unix_offset_ns: i64,
+    /// Processor time that the process has used.
+    pub cpu_ns: i64,
+    /// What went through the links.
+    pub links: Vec<LinkRecord>,
+}
+
+impl Snapshot {
+    /// Now.
+    #[must_use]
+    pub fn take(network: &dyn Network) -> Self {
+        let cpu_ns = getrusage(UsageWho::RUSAGE_SELF).map_or(0, |usage| {
+            (usage.user_time() + usage.system_time()).num_nanoseconds()
+        });
+        Self {
+            monotonic_ns: monotonic_ns(),
+            unix_offset_ns: unix_offset_ns(),
+            cpu_ns,
+            links: network.links(),
+        }
+    }
+
+    /// The wall clock at a time on the monotonic clock, if it is not set meanwhile.
+    #[must_use]
+    pub fn unix_ns(&self, monotonic_ns: i64) -> i64 {
+        monotonic_ns + self.unix_offset_ns
+    }
+
+    /// Share of one core that the process used since `earlier`.
+    #[must_use]
+    pub fn cpu_share_since(&self, earlier: &Self) -> f64 {
+        let elapsed_ns = (self.monotonic_ns - earlier.monotonic_ns).max(1);
+        (self.cpu_ns - earlier.cpu_ns) as f64 / elapsed_ns as f64
+    }
+
+    /// What went through the links since `earlier`.
+    #[must_use]
+    pub fn links_since(&self, earlier: &Self) -> Vec<LinkRecord> {
+        let pairs = self.links.iter().zip(&earlier.links);
+        pairs
+            .map(|(now, before)| LinkRecord {
+                host: now.host,
+                up: pass_since(&now.up, &before.up),
+                down: pass_since(&now.down, &before.down),
+            })
+            .collect()
+    }
+}
+
+/// Wall clock minus monotonic clock. Of several readings the quickest counts, as the process may be interrupted between
+/// the two clocks.
+#[must_use]
+pub fn unix_offset_ns() -> i64 {
+    let reading = |_| {
+        let before_ns = monotonic_ns();
+        let wall_ns = unix_ns();
+        let took_ns = monotonic_ns() - before_ns;
+        (took_ns, wall_ns - before_ns - took_ns / 2)
+    };
+    (0..5).map(reading).min().map_or(0, |(_, offset_ns)| offset_ns)
+}
+
+fn pass_since(now: &PassRecord, before: &PassRecord) -> PassRecord {
+    let delivered = now.delivered.saturating_sub(before.delivered);
+    let total = |pass: &PassRecord| pass.lateness_mean_ns * pass.delivered as f64;
+    PassRecord {
+        offered: now.offered.saturating_sub(before.offered),
+        lost: now.lost.saturating_sub(before.lost),
+        overflowed: now.overflowed.saturating_sub(before.overflowed),
+        delivered,
+        lateness_mean_ns: if delivered == 0 {
+            0.0
+        } else {
+            (total(now) - total(before)) / delivered as f64
+        },
+        lateness_max_ns: now.lateness_max_ns,
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_windows_share_of_a_link_is_the_difference() {
+        let pass = |offered, lost, mean| PassRecord {
+            offered,
+            lost,
+            overflowed: 0,
+            delivered: offered - lost,
+            lateness_mean_ns: mean,
+            lateness_max_ns: 90,
+        };
+        let since = pass_since(&pass(300, 3, 20.0), &pass(100, 1, 10.0));
+        assert_eq!((since.offered, since.lost, since.delivered), (200, 2, 198));
+        let mean_ns = (297.0 * 20.0 - 99.0 * 10.0) / 198.0;
+        assert!((since.lateness_mean_ns - mean_ns).abs() < 1e-9);
+    }
+
+    #[test]
+    fn the_wall_clock_follows_from_the_monotonic_one() {
+        let found_ns = monotonic_ns() + unix_offset_ns();
+        assert!((unix_ns() - found_ns).abs() < 1_000_000_000);
+    }
+}
