@@ -100,17 +100,27 @@ impl EnvironmentDirectory {
             fs::create_dir_all(parent).map_err(self.failed("create", parent))?;
         }
         // Made beside its place and moved there, so that a folder without its owner is never seen by others.
-        let unfinished = self
-            .0
-            .with_file_name(format!("{}.unfinished", self.environment()));
-        fs::create_dir(&unfinished).map_err(self.failed("create", &unfinished))?;
-        let path = unfinished.join("owner.json");
+        let unfinished = Self(
+            self.0
+                .with_file_name(format!("{}.unfinished", self.environment())),
+        );
+        let made = unfinished.fill(owner).and_then(|()| {
+            // A folder that is not empty is not replaced.
+            fs::rename(&unfinished.0, &self.0).map_err(self.failed("create", &self.0))
+        });
+        if made.is_err() {
+            unfinished.remove()?;
+        }
+        made
+    }
+
+    fn fill(&self, owner: &Owner) -> Result<(), ProviderError> {
+        fs::create_dir(&self.0).map_err(self.failed("create", &self.0))?;
+        let path = self.0.join("owner.json");
         let text = serde_json::to_vec_pretty(owner).map_err(io::Error::from);
         text.and_then(|text| fs::write(&path, text))
             .map_err(self.failed("write", &path))?;
-        let data = unfinished.join("data");
-        fs::create_dir(&data).map_err(self.failed("create", &data))?;
-        fs::rename(&unfinished, &self.0).map_err(self.failed("create", &self.0))
+        fs::create_dir(self.data()).map_err(self.failed("create", &self.data()))
     }
 
     /// The folder itself.

@@ -7,8 +7,7 @@
 use std::{collections::HashMap, path::Path};
 
 use bollard::models::{
-    ContainerCreateBody, DeviceMapping, HostConfig, HostConfigLogConfig, Mount, MountType,
-    MountVolumeOptions, ResourcesUlimits,
+    ContainerCreateBody, DeviceMapping, HostConfig, HostConfigLogConfig, Mount, MountType, MountVolumeOptions,
 };
 
 use super::{labels::Labels, settings::DockerSettings};
@@ -22,8 +21,8 @@ const CAPABILITIES: [&str; 5] = [
     "NET_ADMIN", // TAP devices, addresses, neighbours
     "NET_RAW",   // captures: AF_PACKET
     "SYS_ADMIN", // unshare(CLONE_NEWNET), setns
-    "SYS_NICE",  // SCHED_FIFO
-    "IPC_LOCK",  // mlockall
+    "SYS_NICE",  // SCHED_FIFO, whatever RLIMIT_RTPRIO is
+    "IPC_LOCK",  // mlockall, whatever RLIMIT_MEMLOCK is
 ];
 
 /// The container in which the workload runs.
@@ -51,11 +50,11 @@ pub fn workload(request: &EnvironmentRequest, settings: &DockerSettings, image: 
             network_mode: Some("none".to_owned()),
             devices: Some(vec![tun()]),
             mounts: Some(vec![volume(request)]),
-            ulimits: Some(vec![unlimited("memlock", -1), unlimited("rtprio", 99)]),
-            // Whatever the engine's default is: this one can be followed, and its log is the container's own.
+            // Whatever the engine's default is: this one can be followed from its first line. A size must be given, or
+            // an engine with a default for it would drop what is older.
             log_config: Some(HostConfigLogConfig {
                 typ: Some("json-file".to_owned()),
-                config: Some(HashMap::from([("max-size".to_owned(), "-1".to_owned())])),
+                config: Some(HashMap::from([("max-size".to_owned(), "64g".to_owned())])),
             }),
             nano_cpus: settings.cpus.map(|cpus| (cpus * 1e9).round() as i64),
             cpuset_cpus: settings.cpuset.clone(),
@@ -108,14 +107,6 @@ fn tun() -> DeviceMapping {
         path_on_host: device(),
         path_in_container: device(),
         cgroup_permissions: Some("rw".to_owned()),
-    }
-}
-
-fn unlimited(name: &str, limit: i64) -> ResourcesUlimits {
-    ResourcesUlimits {
-        name: Some(name.to_owned()),
-        soft: Some(limit),
-        hard: Some(limit),
     }
 }
 

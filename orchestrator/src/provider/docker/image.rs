@@ -5,6 +5,7 @@ use std::{collections::HashMap, io};
 
 use bollard::{body_full, query_parameters::BuildImageOptionsBuilder};
 use futures_util::TryStreamExt as _;
+use tokio::sync::Mutex;
 
 use super::{
     engine::{Engine, if_there, translate},
@@ -36,6 +37,9 @@ pub async fn ensure(engine: &Engine, base: Option<&str>) -> Result<Image, Provid
         None => None,
     };
     let name = name(base.as_ref().map(|(_, id)| id.as_str()));
+    // Two builds at once would both be done, and one of the images be left without its name.
+    static BUILDING: Mutex<()> = Mutex::const_new(());
+    let _building = BUILDING.lock().await;
     if let Some(id) = existing(engine, &name).await? {
         return Ok(Image { name, id, base });
     }
