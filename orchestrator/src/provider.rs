@@ -219,11 +219,18 @@ pub fn choose(
     }
 }
 
-/// Every name that [`choose`] knows, for those who misspelt one.
-#[must_use]
-pub fn names() -> Vec<&'static str> {
-    CREATING.into_iter().chain(vagrant::PROVIDERS).collect()
-}
+/// Every name that [`choose`] knows: the values of the `virtualization` axis.
+pub const NAMES: [&str; 9] = [
+    "native",
+    "docker",
+    "fake",
+    "virtualbox",
+    "libvirt",
+    "vmware_desktop",
+    "parallels",
+    "hyperv",
+    "qemu",
+];
 
 /// Every provider that can have left something behind on this machine.
 #[must_use]
@@ -236,3 +243,29 @@ pub fn all() -> Vec<Box<dyn Provider>> {
 
 /// The providers that create something.
 const CREATING: [&str; 3] = ["native", "docker", "fake"];
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn every_name_has_its_provider_and_no_other_has() {
+        let settings = ProviderSettings::default();
+        for name in NAMES {
+            assert_eq!(
+                choose(name, &settings, "here")
+                    .map(|provider| provider.name())
+                    .ok(),
+                Some(name)
+            );
+        }
+        for name in vagrant::PROVIDERS {
+            assert!(NAMES.contains(&name), "{name}");
+        }
+        let error = choose("dokcer", &settings, "here").map(|_| ()).unwrap_err();
+        assert!(
+            error.hint().is_some_and(|hint| hint.contains("docker")),
+            "{error}"
+        );
+    }
+}

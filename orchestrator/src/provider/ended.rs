@@ -7,12 +7,14 @@ use workload::record::progress::Progress;
 /// How a workload's process ended.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Ended {
-    /// Whether it ended by itself with exit code 0.
+    /// Whether it ended in order: with all its windows measured, or since it was asked to.
     pub success: bool,
     /// In words.
     pub how: String,
 }
 
+/// What the workload ends with when it was asked to end and did so in order.
+const STOPPED: i64 = 4;
 /// A shell, and so an engine, reports a death by signal N as this plus N.
 const SIGNAL_BASE: i64 = 128;
 
@@ -24,8 +26,8 @@ impl Ended {
             Self::by_signal(code - SIGNAL_BASE)
         } else {
             Self {
-                success: code == 0,
-                how: format!("exit code {code}"),
+                success: matches!(code, 0 | STOPPED),
+                how: format!("exit code {code}{}", meaning(code)),
             }
         }
     }
@@ -92,13 +94,25 @@ impl Ended {
     }
 }
 
+/// What the workload means by an exit code.
+const fn meaning(code: i64) -> &'static str {
+    match code {
+        1 => " (the experiment went wrong)",
+        2 => " (its call or its settings were wrong)",
+        3 => " (the platform does not offer what is needed)",
+        STOPPED => " (it stopped as it was asked to)",
+        _ => "",
+    }
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
 
     #[rstest::rstest]
     #[case(0, true, "exit code 0")]
-    #[case(3, false, "exit code 3")]
+    #[case(3, false, "exit code 3 (the platform does not offer what is needed)")]
+    #[case(4, true, "exit code 4 (it stopped as it was asked to)")]
     #[case(137, false, "killed by signal 9 (SIGKILL)")]
     #[case(255, false, "exit code 255")]
     fn an_exit_code_is_put_into_words(#[case] code: i64, #[case] success: bool, #[case] how: &str) {
@@ -119,9 +133,9 @@ mod tests {
         let words = "one\nno space left\n\n";
         assert_eq!(Ended::by_exit_code(0).with_last_words(words).how, "exit code 0");
         assert_eq!(
-            Ended::by_exit_code(1).with_last_words(words).how,
-            "exit code 1; its last words were: no space left"
+            Ended::by_exit_code(101).with_last_words(words).how,
+            "exit code 101; its last words were: no space left"
         );
-        assert_eq!(Ended::by_exit_code(1).with_last_words("").how, "exit code 1");
+        assert_eq!(Ended::by_exit_code(101).with_last_words("").how, "exit code 101");
     }
 }
