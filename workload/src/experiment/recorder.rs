@@ -418,3 +418,6 @@ fn seal_all(to_seal: &Receiver<ClosedWindow>, reporter: &Reporter) -> Result<(),
     }
     Ok(())
 }
+
+#[cfg(test)]
+mod tests;
