@@ -4,8 +4,8 @@ use clap::{Args, Parser, Subcommand};
 
 use crate::command::{
     check::CheckArguments, clean::CleanArguments, completions::CompletionsArguments, doctor::DoctorArguments,
-    ks::KsArguments, plan::PlanArguments, report::ReportArguments, resume::ResumeArguments, run::RunArguments,
-    status::StatusArguments,
+    ks::KsArguments, plan::PlanArguments, report::ReportArguments, resume::ResumeArguments,
+    run::RunArguments, status::StatusArguments,
 };
 
 const AFTER_HELP: &str = "\

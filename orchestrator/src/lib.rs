@@ -1,5 +1,16 @@
 //! Matrix file -> plan -> run -> run directory.
+//!
+//! ```text
+//! matrix_file   text -> MatrixFile                              pure
+//! survey        what the hosts can do
+//! plan          MatrixFile, what hosts can do -> Plan           pure
+//! run           Plan -> events -> run directory, by providers
+//! observer      events -> journal, progress bars, plain lines
+//! command       what a user asks for, made of these
+//! ```
 
+pub mod arguments;
+pub mod command;
 pub mod exit;
 pub mod journal;
 pub mod lease;
@@ -9,4 +20,6 @@ pub mod plan;
 pub mod provider;
 pub mod run;
 pub mod state_directory;
+pub mod survey;
+pub mod terminal;
 pub mod workload_binary;

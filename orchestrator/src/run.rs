@@ -9,7 +9,9 @@
 //! does what is left to do.
 
 pub mod collection;
+pub mod record;
 pub mod scenario;
+pub mod session;
 pub mod state;
 pub mod stop;
 

@@ -22,17 +22,33 @@ impl Complaint {
     /// Of an error, its causes in one line.
     #[must_use]
     pub fn new(exit: Exit, error: &dyn Error, hint: Option<String>) -> Self {
-        Self { what: chain(error), hint, exit }
+        Self {
+            what: chain(error),
+            hint,
+            exit,
+        }
+    }
+
+    /// That brings its own layout, as diagnostics of a file do.
+    #[must_use]
+    pub fn quoting(exit: Exit, text: String) -> Self {
+        Self {
+            what: text,
+            hint: None,
+            exit,
+        }
     }
 }
 
 /// Prints a result.
 pub fn result(text: &str) {
     let mut out = std::io::stdout().lock();
-    let _ = out.write_all(text.as_bytes()).and_then(|()| match text.ends_with('\n') {
-        true => Ok(()),
-        false => out.write_all(b"\n"),
-    });
+    let _ = out
+        .write_all(text.as_bytes())
+        .and_then(|()| match text.ends_with('\n') {
+            true => Ok(()),
+            false => out.write_all(b"\n"),
+        });
 }
 
 /// Prints a result as JSON.
@@ -47,7 +63,11 @@ pub fn remark(text: &str) {
 
 /// Prints an error.
 pub fn complain(complaint: &Complaint) {
-    remark(&format!("error: {}", complaint.what));
+    match complaint.what.contains('\n') {
+        // Diagnostics say themselves what they are, line by line.
+        true => remark(complaint.what.trim_end()),
+        false => remark(&format!("error: {}", complaint.what)),
+    }
     if let Some(hint) = &complaint.hint {
         remark(&format!("  hint: {hint}"));
     }

@@ -148,9 +148,7 @@ impl ScenarioRun {
 pub fn load(path: impl AsRef<Path>) -> Result<Run, ReadError> {
     let path = path.as_ref();
     let directory = RunDirectory::new(path);
-    see_that_it_is_one(&directory)?;
-    let manifest: Manifest = read_record(&directory.manifest(), FORMAT)?;
-    let plan: PlanRecord = read_record(&directory.plan(), FORMAT)?;
+    let (manifest, plan) = read_plan(&directory)?;
     let journal = Journal::read(&directory.journal())?;
     let mut histories = histories(&journal);
     let scenarios = plan
@@ -167,6 +165,18 @@ pub fn load(path: impl AsRef<Path>) -> Result<Run, ReadError> {
         scenarios,
         cut_lines: journal.cut_lines,
     })
+}
+
+/// Reads what was asked and what was planned, and nothing that was measured.
+///
+/// # Errors
+/// When it is no run directory, half-written or of a later format.
+pub fn read_plan(directory: &RunDirectory) -> Result<(Manifest, PlanRecord), ReadError> {
+    see_that_it_is_one(directory)?;
+    Ok((
+        read_record(&directory.manifest(), FORMAT)?,
+        read_record(&directory.plan(), FORMAT)?,
+    ))
 }
 
 fn see_that_it_is_one(directory: &RunDirectory) -> Result<(), ReadError> {

@@ -1,1 +1,232 @@
-//! End-to-end tests on the real engines; see `tests/`.
+//! End-to-end tests of the `matrix` command as a user has it: the real binary in a folder of its own.
+//!
+//! The tests are in `tests/`, this is what they share. The main type is [`Workplace`].
+
+use std::{
+    ffi::OsStr,
+    io::{BufRead, BufReader},
+    path::{Path, PathBuf},
+    process::{Child, Command, Output, Stdio},
+    sync::OnceLock,
+};
+
+use nix::{
+    sys::signal::{Signal, kill},
+    unistd::Pid,
+};
+use serde_json::Value;
+use tempfile::TempDir;
+
+/// Where the `matrix` binary is; built first if need be, by the same cargo that runs the tests.
+#[allow(clippy::expect_used, reason = "a test without the binary it tests has failed")]
+pub fn matrix_binary() -> &'static Path {
+    static BINARY: OnceLock<PathBuf> = OnceLock::new();
+    BINARY.get_or_init(|| {
+        escargot::CargoBuild::new()
+            .package("orchestrator")
+            .bin("matrix")
+            .manifest_path(Path::new(env!("CARGO_MANIFEST_DIR")).join("../Cargo.toml"))
+            .current_release_if_not_debug()
+            .run()
+            .expect("`cargo build -p orchestrator` works")
+            .path()
+            .to_owned()
+    })
+}
+
+/// The bench and test profiles differ only in name.
+trait SameProfile {
+    fn current_release_if_not_debug(self) -> Self;
+}
+
+impl SameProfile for escargot::CargoBuild {
+    fn current_release_if_not_debug(self) -> Self {
+        if cfg!(debug_assertions) {
+            self
+        } else {
+            self.release()
+        }
+    }
+}
+
+/// A folder to work in, with a state folder and, unless it measures for real, a lease of its own.
+pub struct Workplace {
+    folder: TempDir,
+    measures: bool,
+}
+
+/// What a command printed and how it ended.
+#[derive(Debug)]
+pub struct Ran {
+    /// Exit code; `None` when a signal ended it.
+    pub code: Option<i32>,
+    /// Standard output.
+    pub out: String,
+    /// Standard error.
+    pub err: String,
+}
+
+#[allow(clippy::expect_used, clippy::panic, reason = "these are the tests' own means")]
+impl Workplace {
+    /// For tests with fakes: nothing is shared with other tests.
+    #[must_use]
+    pub fn new() -> Self {
+        Self {
+            folder: TempDir::with_prefix("matrix-test-").expect("a folder to work in"),
+            measures: false,
+        }
+    }
+
+    /// For tests that measure: they take turns by the machine's own lease, as users do.
+    #[must_use]
+    pub fn measuring() -> Self {
+        Self {
+            measures: true,
+            ..Self::new()
+        }
+    }
+
+    /// The folder.
+    #[must_use]
+    pub fn path(&self) -> &Path {
+        self.folder.path()
+    }
+
+    /// Writes a file.
+    pub fn write(&self, name: &str, text: impl AsRef<[u8]>) {
+        std::fs::write(self.path().join(name), text).expect("the folder can be written");
+    }
+
+    /// The `matrix` command in this folder.
+    pub fn matrix(&self, arguments: impl IntoIterator<Item = impl AsRef<OsStr>>) -> Command {
+        let mut command = Command::new(matrix_binary());
+        command
+            .args(arguments)
+            .current_dir(self.path())
+            .stdin(Stdio::null());
+        command.env("MATRIX_STATE_DIR", self.path().join("state"));
+        command.env_remove("RUST_BACKTRACE");
+        if !self.measures {
+            command.env("MATRIX_LEASE", self.path().join("lease"));
+        }
+        command
+    }
+
+    /// Runs `matrix` to its end.
+    pub fn run(&self, arguments: &[&str]) -> Ran {
+        Ran::of(self.matrix(arguments).output().expect("matrix starts"))
+    }
+
+    /// Runs `matrix … --json` and reads what it prints.
+    pub fn json(&self, arguments: &[&str]) -> Value {
+        let ran = self.run(&[arguments, &["--json"]].concat());
+        serde_json::from_str(&ran.out)
+            .unwrap_or_else(|error| panic!("{arguments:?} prints JSON: {error}\n{ran:?}"))
+    }
+
+    /// Starts `matrix` and follows its plain lines.
+    pub fn start(&self, arguments: &[&str]) -> Running {
+        let mut child = self
+            .matrix(arguments)
+            .stdout(Stdio::piped())
+            .stderr(Stdio::piped())
+            .spawn()
+            .expect("matrix starts");
+        let lines = BufReader::new(child.stderr.take().expect("standard error is a pipe"));
+        Running { child, lines }
+    }
+
+    /// The one run directory under `runs/`.
+    #[must_use]
+    pub fn run_directory(&self) -> PathBuf {
+        let mut runs: Vec<PathBuf> = std::fs::read_dir(self.path().join("runs"))
+            .expect("there are runs")
+            .map(|entry| entry.expect("the folder can be read").path())
+            .collect();
+        assert_eq!(runs.len(), 1, "one run: {runs:?}");
+        runs.remove(0)
+    }
+}
+
+impl Default for Workplace {
+    fn default() -> Self {
+        Self::new()
+    }
+}
+
+impl Ran {
+    fn of(output: Output) -> Self {
+        Self {
+            code: output.status.code(),
+            out: String::from_utf8_lossy(&output.stdout).into_owned(),
+            err: String::from_utf8_lossy(&output.stderr).into_owned(),
+        }
+    }
+}
+
+/// A `matrix` that is at work.
+pub struct Running {
+    child: Child,
+    lines: BufReader<std::process::ChildStderr>,
+}
+
+#[allow(clippy::expect_used, clippy::panic, reason = "these are the tests' own means")]
+impl Running {
+    /// The next line on standard error; `None` at its end.
+    pub fn next_line(&mut self) -> Option<String> {
+        let mut line = String::new();
+        let read = self.lines.read_line(&mut line).expect("the pipe can be read");
+        (read > 0).then(|| line.trim_end().to_owned())
+    }
+
+    /// Reads until a line has `text` in it; all lines up to that one.
+    pub fn wait_for(&mut self, text: &str) -> String {
+        let mut seen = String::new();
+        while let Some(line) = self.next_line() {
+            seen.push_str(&line);
+            seen.push('\n');
+            if line.contains(text) {
+                return seen;
+            }
+        }
+        panic!("no line has {text:?}:\n{seen}");
+    }
+
+    /// The most memory it had resident so far, in KiB, as the kernel counts it.
+    pub fn peak_memory_kib(&self) -> u64 {
+        let status = std::fs::read_to_string(format!("/proc/{}/status", self.child.id())).expect("it runs");
+        let line = status
+            .lines()
+            .find(|line| line.starts_with("VmHWM:"))
+            .expect("the kernel counts it");
+        line.split_whitespace()
+            .nth(1)
+            .and_then(|number| number.parse().ok())
+            .expect("a number of KiB")
+    }
+
+    /// Kills it as the kernel's out-of-memory killer would.
+    pub fn kill(mut self) {
+        self.child.kill().expect("it can be killed");
+        self.child.wait().expect("it can be waited for");
+    }
+
+    /// Presses Ctrl-C and waits for the end.
+    pub fn interrupt(self) -> Ran {
+        let pid = i32::try_from(self.child.id()).expect("a process number");
+        kill(Pid::from_raw(pid), Signal::SIGINT).expect("it can be signalled");
+        self.end()
+    }
+
+    /// Waits for the end.
+    pub fn end(mut self) -> Ran {
+        let mut err = String::new();
+        while let Some(line) = self.next_line() {
+            err.push_str(&line);
+            err.push('\n');
+        }
+        let mut ran = Ran::of(self.child.wait_with_output().expect("it can be waited for"));
+        ran.err = err;
+        ran
+    }
+}

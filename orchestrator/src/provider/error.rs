@@ -5,6 +5,8 @@
 
 use std::{error::Error, io, path::PathBuf};
 
+use crate::workload_binary::InstallError;
+
 /// The cause of an error, of whichever library it comes from.
 pub type Cause = Box<dyn Error + Send + Sync + 'static>;
 
@@ -103,6 +105,16 @@ pub enum ProviderError {
         /// Where.
         at: &'static str,
     },
+}
+
+impl From<InstallError> for ProviderError {
+    fn from(error: InstallError) -> Self {
+        Self::File {
+            action: "write",
+            path: error.path,
+            source: error.source,
+        }
+    }
 }
 
 impl ProviderError {

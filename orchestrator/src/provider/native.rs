@@ -4,6 +4,7 @@
 //! The process has a session of its own and writes to files, so that it goes on when `matrix` ends; its environment is a
 //! folder below the state directory ([`EnvironmentDirectory`]).
 
+mod check;
 mod detached;
 mod environment;
 mod follow;
@@ -15,6 +16,7 @@ use std::{fs::File, process::Command, process::Stdio};
 use async_trait::async_trait;
 use reports::run_directory::Resource;
 
+pub use self::check::check;
 use self::{environment::NativeEnvironment, process::WorkloadProcess};
 use super::{
     Availability, Environment, EnvironmentRequest, Leftover, Provider, ProviderError,
@@ -46,11 +48,7 @@ impl Native {
         request: &EnvironmentRequest,
         directory: &EnvironmentDirectory,
     ) -> Result<WorkloadProcess, ProviderError> {
-        let binary = workload_binary::installed(&self.state).map_err(|error| ProviderError::File {
-            action: "write",
-            path: error.path,
-            source: error.source,
-        })?;
+        let binary = workload_binary::installed(&self.state)?;
         let create = |path| {
             File::create_new(&path).map_err(|source| ProviderError::File {
                 action: "create",
@@ -89,8 +87,9 @@ impl Provider for Native {
     }
 
     async fn survey(&self) -> Availability {
-        Availability::Available {
-            detail: format!("Linux {}", rustix::system::uname().release().to_string_lossy()),
+        match check(&self.state).await {
+            Ok(record) => check::availability(&record),
+            Err(error) => Availability::prevented_by(error),
         }
     }
 

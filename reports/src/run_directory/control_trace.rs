@@ -372,7 +372,7 @@ impl Digesting {
             self.trace.last_period.received_m.push(row.received_m);
         }
         self.steps += 1;
-        if self.steps % self.steps_per_period == 0 {
+        if self.steps.is_multiple_of(self.steps_per_period) {
             self.end_period();
         }
     }

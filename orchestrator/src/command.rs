@@ -1,0 +1,35 @@
+//! The commands, one module each: what it takes, what it does, what it prints.
+
+pub mod check;
+pub mod clean;
+pub mod completions;
+pub mod doctor;
+pub mod ks;
+pub mod plan;
+pub mod report;
+pub mod resume;
+pub mod run;
+pub mod schema;
+pub mod status;
+
+use crate::{arguments::Command, exit::Exit, terminal::Complaint};
+
+/// Does what the command line asks.
+///
+/// # Errors
+/// What a person should read, with the exit code.
+pub async fn execute(command: &Command) -> Result<Exit, Complaint> {
+    match command {
+        Command::Check(arguments) => check::execute(arguments).await,
+        Command::Plan(arguments) => plan::execute(arguments).await,
+        Command::Run(arguments) => run::execute(arguments).await,
+        Command::Resume(arguments) => resume::execute(arguments).await,
+        Command::Status(arguments) => status::execute(arguments),
+        Command::Report(arguments) => report::execute(arguments),
+        Command::Ks(arguments) => ks::execute(arguments),
+        Command::Clean(arguments) => clean::execute(arguments).await,
+        Command::Doctor(arguments) => doctor::execute(arguments).await,
+        Command::Schema => Ok(schema::execute()),
+        Command::Completions(arguments) => Ok(completions::execute(arguments)),
+    }
+}

@@ -1,0 +1,46 @@
+//! `matrix check FILE`: whether a matrix file is right.
+
+use std::path::PathBuf;
+
+use clap::Args;
+use serde_json::json;
+
+use super::plan::{Planned, plan};
+use crate::{
+    arguments::{OutputArguments, SelectionArguments},
+    exit::Exit,
+    terminal::{self, Complaint},
+};
+
+/// What it takes.
+#[derive(Debug, Args)]
+pub struct CheckArguments {
+    /// The matrix file.
+    file: PathBuf,
+    #[command(flatten)]
+    selection: SelectionArguments,
+    #[command(flatten)]
+    output: OutputArguments,
+}
+
+/// Checks and says so.
+///
+/// # Errors
+/// All that is wrong with the file.
+pub async fn execute(arguments: &CheckArguments) -> Result<Exit, Complaint> {
+    let Planned { plan, .. } = plan(&arguments.file, &arguments.selection, arguments.output).await?;
+    let scenarios = plan.record.scenarios.len();
+    if arguments.output.json {
+        terminal::json(&json!({
+            "ok": true,
+            "scenarios": scenarios,
+            "warnings": plan.warnings.to_json(),
+        }));
+    } else {
+        terminal::result(&format!(
+            "{}: right, {scenarios} scenarios",
+            arguments.file.display()
+        ));
+    }
+    Ok(Exit::Done)
+}

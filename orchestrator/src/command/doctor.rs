@@ -1,0 +1,93 @@
+//! `matrix doctor`: what this machine can do, what is missing and how to get it.
+
+use std::fmt::Write;
+
+use clap::Args;
+use serde_json::json;
+use workload::record::check::Check;
+
+use crate::{
+    arguments::OutputArguments,
+    exit::Exit,
+    matrix_file::THIS_MACHINE,
+    plan::HostFacts,
+    provider::{Availability, ProviderSettings, native},
+    state_directory::StateDirectory,
+    survey,
+    terminal::{self, Complaint},
+};
+
+/// What it takes.
+#[derive(Debug, Args)]
+pub struct DoctorArguments {
+    #[command(flatten)]
+    output: OutputArguments,
+}
+
+/// Asks every provider, and the workload itself, and prints what they say.
+///
+/// # Errors
+/// When the workload's own check cannot be run.
+pub async fn execute(arguments: &DoctorArguments) -> Result<Exit, Complaint> {
+    let facts = survey::this_machine(THIS_MACHINE, &ProviderSettings::default()).await;
+    let checks = native::check(&StateDirectory::of_this_user())
+        .await
+        .map_err(|error| Complaint::new(Exit::Infrastructure, &error, error.hint()))?
+        .checks;
+    if arguments.output.json {
+        terminal::json(&json!({
+            "hardware": facts.hardware,
+            "os": facts.os,
+            "checks": checks,
+            "providers": facts.providers.iter().map(|(name, availability)| match availability {
+                Availability::Available { detail } => json!({"name": name, "available": true, "detail": detail}),
+                Availability::Unavailable { reason, fix } => {
+                    json!({"name": name, "available": false, "reason": reason, "fix": fix})
+                }
+            }).collect::<Vec<_>>(),
+        }));
+    } else {
+        terminal::result(&as_text(&facts, &checks));
+    }
+    Ok(Exit::Done)
+}
+
+fn as_text(facts: &HostFacts, checks: &[Check]) -> String {
+    let mut text = format!(
+        "this machine: {}, {}\n\nwhat the experiment needs\n",
+        facts.hardware, facts.os
+    );
+    for check in checks {
+        let missing = if check.required {
+            "MISSING"
+        } else {
+            "missing, recorded with the results"
+        };
+        let standing = if check.available { "there" } else { missing };
+        item(
+            &mut text,
+            &check.name,
+            standing,
+            check.reason.as_deref(),
+            check.fix.as_deref(),
+        );
+    }
+    text.push_str("\nwhere it can run\n");
+    for (name, availability) in &facts.providers {
+        match availability {
+            Availability::Available { detail } => item(&mut text, name, "yes", Some(detail), None),
+            Availability::Unavailable { reason, fix } => {
+                item(&mut text, name, "no", Some(reason), fix.as_deref());
+            }
+        }
+    }
+    text
+}
+
+fn item(text: &mut String, name: &str, standing: &str, reason: Option<&str>, fix: Option<&str>) {
+    let reason = reason.map(|reason| format!(": {reason}")).unwrap_or_default();
+    let _ = writeln!(text, "  {name:18} {standing}{reason}");
+    if let Some(fix) = fix {
+        let _ = writeln!(text, "  {:18} fix: {fix}", "");
+    }
+}

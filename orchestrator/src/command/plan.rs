@@ -1,0 +1,152 @@
+//! `matrix plan FILE`: every scenario, whether it can run here and why not, the order, the duration, what can be found.
+
+use std::{
+    fmt::Write,
+    path::{Path, PathBuf},
+    time::Duration,
+};
+
+use annotate_snippets::Renderer;
+use clap::Args;
+use serde_json::{Value, json};
+
+use crate::{
+    arguments::{OutputArguments, SelectionArguments},
+    exit::Exit,
+    matrix_file::{Diagnostics, MatrixFile},
+    plan::{self, Plan, Selection},
+    survey,
+    terminal::{self, Complaint},
+};
+
+/// What it takes.
+#[derive(Debug, Args)]
+pub struct PlanArguments {
+    /// The matrix file.
+    file: PathBuf,
+    #[command(flatten)]
+    selection: SelectionArguments,
+    #[command(flatten)]
+    output: OutputArguments,
+}
+
+/// A matrix file and its plan for the hosts as they are now.
+pub struct Planned {
+    /// The file.
+    pub file: MatrixFile,
+    /// The plan.
+    pub plan: Plan,
+}
+
+/// Plans and shows it.
+///
+/// # Errors
+/// All that is wrong with the file.
+pub async fn execute(arguments: &PlanArguments) -> Result<Exit, Complaint> {
+    let planned = plan(&arguments.file, &arguments.selection, arguments.output).await?;
+    if arguments.output.json {
+        terminal::json(&as_json(&planned.plan));
+    } else {
+        terminal::result(&as_text(&planned.plan));
+    }
+    Ok(Exit::Done)
+}
+
+/// Reads a matrix file, asks the hosts, plans, and shows the warnings.
+///
+/// # Errors
+/// All that is wrong with the file.
+pub async fn plan(
+    path: &Path,
+    selection: &SelectionArguments,
+    output: OutputArguments,
+) -> Result<Planned, Complaint> {
+    let file = MatrixFile::read(path, selection.profile.as_deref()).map_err(|found| wrong(&found))?;
+    let facts = survey::survey(&file).await;
+    let selected = Selection {
+        only: selection.only.clone(),
+        skip: selection.skip.clone(),
+    };
+    let plan = plan::plan(&file, &facts, &selected, selection.seed).map_err(|found| wrong(&found))?;
+    if !plan.warnings.is_empty() && !output.quiet {
+        terminal::remark(plan.warnings.render(&Renderer::plain()).trim_end());
+    }
+    Ok(Planned { file, plan })
+}
+
+fn wrong(found: &Diagnostics) -> Complaint {
+    Complaint::quoting(Exit::Wrong, found.render(&Renderer::plain()))
+}
+
+/// The plan as JSON.
+#[must_use]
+pub fn as_json(plan: &Plan) -> Value {
+    let record = &plan.record;
+    json!({
+        "scenarios": record.scenarios.iter().map(|scenario| json!({
+            "id": scenario.id,
+            "slug": scenario.slug,
+            "axes": scenario.axes,
+            "host": scenario.host,
+            "feasible": scenario.feasible,
+            "reason": scenario.reason,
+            "fix": scenario.fix,
+            "settings": scenario.settings,
+        })).collect::<Vec<_>>(),
+        "order": record.order,
+        "measuring_s": record.measuring_s,
+        "smallest_attainable_p": plan.attainable.as_ref().map(|attainable| json!({
+            "alpha": attainable.alpha,
+            "best": {"n": attainable.best.n, "m": attainable.best.m, "p": attainable.best.p},
+            "worst": {"n": attainable.worst.n, "m": attainable.worst.m, "p": attainable.worst.p},
+        })),
+        "warnings": plan.warnings.to_json(),
+    })
+}
+
+/// The plan for a person.
+#[must_use]
+pub fn as_text(plan: &Plan) -> String {
+    let record = &plan.record;
+    let mut text = String::new();
+    let width = record
+        .scenarios
+        .iter()
+        .map(|scenario| scenario.slug.len())
+        .max()
+        .unwrap_or(0);
+    for scenario in &record.scenarios {
+        let standing = match &scenario.reason {
+            None => format!("on {}", scenario.host.as_deref().unwrap_or("this machine")),
+            Some(reason) => format!("infeasible: {reason}"),
+        };
+        let _ = writeln!(text, "{:>2}  {:width$}  {standing}", scenario.id, scenario.slug);
+        if let Some(fix) = &scenario.fix {
+            let _ = writeln!(text, "    {:width$}  fix: {fix}", "");
+        }
+    }
+    if record.order.is_empty() {
+        text.push_str("nothing can run here\n");
+        return text;
+    }
+    let measuring = humantime::format_duration(Duration::from_secs_f64(record.measuring_s));
+    let _ = writeln!(
+        text,
+        "order: {}; {measuring} of measuring",
+        record.order.join(", ")
+    );
+    if let Some(attainable) = &plan.attainable {
+        let worst = &attainable.worst;
+        let can = if worst.p < attainable.alpha {
+            "below"
+        } else {
+            "NOT below"
+        };
+        let _ = writeln!(
+            text,
+            "smallest attainable p: {:.2e} at n = {}, m = {}, {can} alpha = {}",
+            worst.p, worst.n, worst.m, attainable.alpha
+        );
+    }
+    text
+}

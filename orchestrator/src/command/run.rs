@@ -1,0 +1,109 @@
+//! `matrix run FILE`: measures every scenario that can run here and prints the tables.
+
+use std::{fs, path::PathBuf, time::SystemTime};
+
+use clap::Args;
+use reports::run_directory::{FORMAT, Manifest};
+use sha2::{Digest, Sha256};
+
+use super::{
+    plan::{self, Planned, plan},
+    report,
+};
+use crate::{
+    arguments::{OutputArguments, SelectionArguments},
+    exit::Exit,
+    journal,
+    run::{
+        record::RecordedRun,
+        session::{self, Show},
+        state::RunState,
+    },
+    terminal::{self, Complaint},
+    workload_binary,
+};
+
+/// What it takes.
+#[derive(Debug, Args)]
+pub struct RunArguments {
+    /// The matrix file.
+    file: PathBuf,
+    #[command(flatten)]
+    selection: SelectionArguments,
+    /// Folder in which the run directory is made.
+    #[arg(long, value_name = "DIR", default_value = "runs")]
+    out: PathBuf,
+    /// Say what would be done, create nothing.
+    #[arg(long)]
+    dry_run: bool,
+    #[command(flatten)]
+    output: OutputArguments,
+}
+
+/// Measures and reports.
+///
+/// # Errors
+/// When the file is wrong, nothing can run here, or the run cannot go on.
+pub async fn execute(arguments: &RunArguments) -> Result<Exit, Complaint> {
+    let planned = plan(&arguments.file, &arguments.selection, arguments.output).await?;
+    let quiet = arguments.output.quiet;
+    if arguments.dry_run {
+        match arguments.output.json {
+            true => terminal::json(&plan::as_json(&planned.plan)),
+            false => terminal::result(&plan::as_text(&planned.plan)),
+        }
+        return Ok(Exit::Done);
+    }
+    if !quiet {
+        terminal::remark(plan::as_text(&planned.plan).trim_end());
+    }
+    let record = &planned.plan.record;
+    if record.order.is_empty() {
+        return Err(Complaint {
+            what: "no scenario can run here".to_owned(),
+            hint: Some("`matrix doctor` says what is missing and how to get it".to_owned()),
+            exit: Exit::Infrastructure,
+        });
+    }
+    let manifest = manifest(arguments, &planned)?;
+    let directory = RecordedRun::create(&arguments.out.join(&manifest.run), &manifest, record)?;
+    let _lock = session::lock(&directory)?;
+    if !quiet {
+        terminal::remark(&format!(
+            "if this is killed, {}",
+            session::how_to_go_on(directory.path())
+        ));
+    }
+    let show = if quiet { Show::Nothing } else { Show::Progress };
+    let exit = session::carry_out(&directory, &manifest, record, RunState::default(), false, show).await?;
+    report::after_run(&directory, exit, arguments.output)
+}
+
+fn manifest(arguments: &RunArguments, planned: &Planned) -> Result<Manifest, Complaint> {
+    let text = planned.file.source.text();
+    let path = fs::canonicalize(&arguments.file).unwrap_or_else(|_| arguments.file.clone());
+    let providers = serde_json::to_value(&planned.file.providers)
+        .map_err(|error| Complaint::new(Exit::Infrastructure, &error, None))?;
+    Ok(Manifest {
+        format: FORMAT,
+        run: run_name(),
+        created: journal::now(),
+        matrix_version: env!("CARGO_PKG_VERSION").to_owned(),
+        workload_sha256: workload_binary::sha256().to_owned(),
+        matrix_file: path.display().to_string(),
+        matrix_text: text.to_owned(),
+        matrix_sha256: format!("{:x}", Sha256::digest(text.as_bytes())),
+        profile: arguments.selection.profile.clone(),
+        seed: arguments.selection.seed,
+        providers,
+        report: planned.file.report.clone(),
+    })
+}
+
+/// A name for a run: the time to the second, and what tells apart two that start within one.
+fn run_name() -> String {
+    let time = humantime::format_rfc3339_seconds(SystemTime::now()).to_string();
+    let digits: String = time.chars().filter(char::is_ascii_digit).collect();
+    let (day, clock) = digits.split_at(8.min(digits.len()));
+    format!("{day}-{clock}-{:x}", std::process::id())
+}

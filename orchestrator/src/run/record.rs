@@ -1,0 +1,90 @@
+//! A run directory's own account of its run: written before anything is created, read by `resume` and `status`. The
+//! main type is [`RecordedRun`].
+
+use std::{fs, io::Write, path::Path};
+
+use reports::{
+    ReadError,
+    run_directory::{Journal, Manifest, PlanRecord, RunDirectory},
+};
+use serde::Serialize;
+
+use super::state::RunState;
+use crate::{exit::Exit, terminal::Complaint};
+
+/// What was asked, what was planned, what happened.
+#[derive(Debug, Clone, PartialEq)]
+pub struct RecordedRun {
+    /// What was asked.
+    pub manifest: Manifest,
+    /// What was planned.
+    pub plan: PlanRecord,
+    /// Where it stands.
+    pub state: RunState,
+}
+
+impl RecordedRun {
+    /// The run directory at `path`, absolute, so that leftovers can say where they belong.
+    ///
+    /// # Errors
+    /// When there is none.
+    pub fn directory(path: &Path) -> Result<RunDirectory, Complaint> {
+        path.canonicalize()
+            .map(RunDirectory::new)
+            .map_err(|error| Complaint {
+                what: format!("cannot open the run directory {}: {error}", path.display()),
+                hint: Some(
+                    "give the folder that `matrix run` made, such as `runs/20260101-120000`".to_owned(),
+                ),
+                exit: Exit::Wrong,
+            })
+    }
+
+    /// Reads it.
+    ///
+    /// # Errors
+    /// When it is missing, half-written or of a future format.
+    pub fn read(directory: &RunDirectory) -> Result<Self, Complaint> {
+        let wrong = |error: ReadError| Complaint::new(Exit::Wrong, &error, Some(error.hint()));
+        let (manifest, plan) = reports::run::read_plan(directory).map_err(wrong)?;
+        let journal = Journal::read(&directory.journal()).map_err(wrong)?;
+        let state = RunState::replay(&journal.entries);
+        Ok(Self {
+            manifest,
+            plan,
+            state,
+        })
+    }
+
+    /// Makes a new run directory with manifest and plan on disk. Fails if there is anything at that place.
+    ///
+    /// # Errors
+    /// When it exists already or cannot be written.
+    pub fn create(path: &Path, manifest: &Manifest, plan: &PlanRecord) -> Result<RunDirectory, Complaint> {
+        let failed = |doing: &str, path: &Path, error: &std::io::Error| Complaint {
+            what: format!("cannot {doing} {}: {error}", path.display()),
+            hint: Some("give another folder with `--out`".to_owned()),
+            exit: Exit::Infrastructure,
+        };
+        if let Some(parent) = path.parent() {
+            fs::create_dir_all(parent).map_err(|error| failed("create", parent, &error))?;
+        }
+        fs::create_dir(path).map_err(|error| failed("create", path, &error))?;
+        let directory = Self::directory(path)?;
+        // The manifest comes last: a folder without one is half-written, and nothing was created for it.
+        fs::File::create_new(directory.journal()).map_err(|error| failed("write", path, &error))?;
+        write(&directory.plan(), plan).map_err(|error| failed("write", path, &error))?;
+        write(&directory.manifest(), manifest).map_err(|error| failed("write", path, &error))?;
+        fs::File::open(path)
+            .and_then(|folder| folder.sync_all())
+            .map_err(|error| failed("sync", path, &error))?;
+        Ok(directory)
+    }
+}
+
+fn write(path: &Path, record: &impl Serialize) -> std::io::Result<()> {
+    let mut file = fs::File::create_new(path)?;
+    serde_json::to_writer_pretty(&mut file, record)?;
+    file.write_all(b"\n")?;
+    file.sync_all()
+}

@@ -1,0 +1,152 @@
+//! What `matrix run` and `matrix resume` have in common: signals, observers, execution, and what is said afterwards.
+//! The main function is [`carry_out`].
+
+use std::{io::IsTerminal, path::Path};
+
+use reports::run_directory::{Manifest, Outcome, PlanRecord, PlannedScenario, RunDirectory};
+use tokio::signal::unix::{SignalKind, signal};
+
+use super::{
+    Run,
+    state::RunState,
+    stop::{self, StopSwitch},
+};
+use crate::{
+    exit::Exit,
+    journal::Journal,
+    lease::{self, Asked, Holder, Lease},
+    observer::{Events, Observer, plain_log::PlainLog, progress_bars::ProgressBars},
+    provider::{self, ProviderSettings},
+    terminal::{self, Complaint},
+};
+
+/// How a run is shown while it runs.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Show {
+    /// Bars on a terminal, lines elsewhere.
+    Progress,
+    /// Nothing.
+    Nothing,
+}
+
+/// Locks a run directory for this process.
+///
+/// # Errors
+/// When another process works on it, or it cannot be locked.
+pub fn lock(directory: &RunDirectory) -> Result<Lease, Complaint> {
+    let holder = Holder::this_process(directory.path());
+    match lease::ask(&directory.lock(), &holder) {
+        Ok(Asked::Granted(lease)) => Ok(lease),
+        Ok(Asked::Held { holder, .. }) => Err(Complaint {
+            what: format!(
+                "{} is being worked on by {}",
+                directory.path().display(),
+                holder.map_or_else(|| "another process".to_owned(), |holder| holder.to_string())
+            ),
+            hint: Some("wait for it, or end it with Ctrl-C and `matrix resume`".to_owned()),
+            exit: Exit::Infrastructure,
+        }),
+        Err(error) => Err(Complaint::new(Exit::Infrastructure, &error, None)),
+    }
+}
+
+/// Carries out what is left to do of a plan, from `state` on; how it ended, as an exit code.
+///
+/// # Errors
+/// When the run cannot go on.
+pub async fn carry_out(
+    directory: &RunDirectory,
+    manifest: &Manifest,
+    plan: &PlanRecord,
+    state: RunState,
+    resumed: bool,
+    show: Show,
+) -> Result<Exit, Complaint> {
+    let settings: ProviderSettings = serde_json::from_value(manifest.providers.clone()).map_err(|error| {
+        Complaint::new(
+            Exit::Wrong,
+            &error,
+            Some("manifest.json is of another version of matrix".to_owned()),
+        )
+    })?;
+    let journal = Journal::open(&directory.journal())
+        .map_err(|error| Complaint::new(Exit::Infrastructure, &error, Some(error.hint())))?;
+    let (switch, stop) = stop::stop_switch();
+    tokio::spawn(listen(switch, directory.path().to_owned()));
+    let choose = move |planned: &PlannedScenario| {
+        let virtualization = planned.axis("virtualization");
+        let host = planned.host.as_deref().unwrap_or_default();
+        provider::choose(virtualization.as_deref().unwrap_or("native"), &settings, host)
+    };
+    let mut run = Run {
+        name: manifest.run.clone(),
+        directory: directory.clone(),
+        plan,
+        events: Events::new(journal, state, observers(plan, show)),
+        choose: &choose,
+        stop,
+    };
+    run.execute(resumed)
+        .await
+        .map_err(|error| Complaint::new(Exit::Infrastructure, &error, error.hint()))?;
+    Ok(exit(run.events.state(), plan))
+}
+
+fn observers(plan: &PlanRecord, show: Show) -> Vec<Box<dyn Observer>> {
+    match show {
+        Show::Nothing => Vec::new(),
+        Show::Progress if std::io::stderr().is_terminal() => vec![Box::new(ProgressBars::new(plan))],
+        Show::Progress => vec![Box::new(PlainLog::new(std::io::stderr()))],
+    }
+}
+
+/// The first Ctrl-C or SIGTERM asks to stop in order; the second leaves at once, with everything as it is.
+async fn listen(switch: StopSwitch, directory: std::path::PathBuf) {
+    let (Ok(mut interrupt), Ok(mut terminate)) =
+        (signal(SignalKind::interrupt()), signal(SignalKind::terminate()))
+    else {
+        return;
+    };
+    for first in [true, false] {
+        tokio::select! {
+            _ = interrupt.recv() => {}
+            _ = terminate.recv() => {}
+        }
+        if first {
+            switch.request();
+            terminal::remark("stopping: complete windows are collected; once more to leave at once");
+        } else {
+            terminal::remark(&how_to_go_on(&directory));
+            std::process::exit(i32::from(Exit::Interrupted.code()));
+        }
+    }
+}
+
+/// How to go on with a run, and how to clean up after it.
+#[must_use]
+pub fn how_to_go_on(directory: &Path) -> String {
+    format!(
+        "`matrix resume {}` goes on, `matrix clean` removes what is left behind",
+        directory.display()
+    )
+}
+
+/// The exit code of a run, as docs/exit-codes.md has it.
+fn exit(state: &RunState, plan: &PlanRecord) -> Exit {
+    let outcomes: Vec<Option<Outcome>> = plan
+        .scenarios
+        .iter()
+        .filter(|planned| planned.feasible)
+        .map(|planned| state.scenario(&planned.slug).outcome)
+        .collect();
+    let any = |outcome| outcomes.contains(&outcome);
+    if any(None) || any(Some(Outcome::Interrupted)) {
+        Exit::Interrupted
+    } else if any(Some(Outcome::Errored)) || outcomes.is_empty() {
+        Exit::Infrastructure
+    } else if any(Some(Outcome::Failed)) {
+        Exit::ScenarioFailed
+    } else {
+        Exit::Done
+    }
+}

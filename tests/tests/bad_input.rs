@@ -1,0 +1,157 @@
+//! Whatever is wrong with what a user gives: one clear error, exit code 2, nothing overwritten, no panic.
+
+use rstest::rstest;
+use tests::{Ran, Workplace};
+
+fn refused(ran: &Ran, words: &[&str]) {
+    assert_eq!(ran.code, Some(2), "{ran:?}");
+    assert!(!ran.err.contains("panicked"), "{ran:?}");
+    assert_eq!(ran.out, "", "{ran:?}");
+    for word in words {
+        assert!(ran.err.contains(word), "{word:?} is not in:\n{}", ran.err);
+    }
+}
+
+#[rstest]
+#[case::not_yaml("matrix: [native", &["m.yaml:"])]
+#[case::empty("", &["m.yaml", "empty"])]
+#[case::unknown_key("matirx:\n  virtualization: [native]\n", &["m.yaml:1:1", "matirx", "`matrix`"])]
+#[case::misspelt_value("matrix:\n  virtualization: [dokcer]\n", &["m.yaml:2:20", "dokcer", "docker"])]
+#[case::no_unit("workload:\n  window: 6000\n", &["m.yaml:2:11", "6000", "unit"])]
+#[case::wrong_unit("workload:\n  network: {delay: 10Mbit}\n", &["m.yaml:2:20", "Mbit", "ms"])]
+#[case::empty_axis("matrix:\n  virtualization: []\n", &["m.yaml:2", "empty"])]
+#[case::duplicate_key("matrix:\n  virtualization: [native]\n  virtualization: [docker]\n", &["m.yaml:3:3", "virtualization"])]
+#[case::duplicate_host("hosts:\n  one: {connect: local}\n  one: {connect: local}\n", &["m.yaml:3:3", "one"])]
+fn a_wrong_matrix_file_is_refused_at_its_place(#[case] text: &str, #[case] words: &[&str]) {
+    let workplace = Workplace::new();
+    workplace.write("m.yaml", text);
+    for command in ["check", "plan", "run"] {
+        refused(&workplace.run(&[command, "m.yaml"]), words);
+    }
+    assert!(!workplace.path().join("runs").exists(), "nothing was created");
+}
+
+#[test]
+fn ten_megabytes_of_nesting_are_refused_at_once() {
+    let workplace = Workplace::new();
+    workplace.write("m.yaml", "[".repeat(10_000_000));
+    refused(&workplace.run(&["check", "m.yaml"]), &["m.yaml"]);
+}
+
+#[test]
+fn what_is_not_utf8_is_refused() {
+    let workplace = Workplace::new();
+    workplace.write("m.yaml", [0x6d, 0xff, 0xfe]);
+    refused(&workplace.run(&["check", "m.yaml"]), &["m.yaml", "UTF-8"]);
+}
+
+#[test]
+fn a_selection_that_matches_nothing_says_what_there_is() {
+    let workplace = Workplace::new();
+    workplace.write("m.yaml", "matrix:\n  virtualization: [fake]\n");
+    refused(
+        &workplace.run(&["plan", "m.yaml", "--only", "virtualization=docker"]),
+        &["virtualization=docker"],
+    );
+}
+
+#[test]
+fn a_missing_file_or_run_is_named() {
+    let workplace = Workplace::new();
+    refused(&workplace.run(&["check", "nowhere.yaml"]), &["nowhere.yaml"]);
+    for command in ["report", "resume", "status"] {
+        refused(&workplace.run(&[command, "nowhere"]), &["nowhere"]);
+    }
+}
+
+#[test]
+fn an_empty_folder_is_not_a_run_and_stays_empty() {
+    let workplace = Workplace::new();
+    std::fs::create_dir(workplace.path().join("folder")).unwrap();
+    for command in ["report", "resume", "status"] {
+        refused(&workplace.run(&[command, "folder"]), &["folder"]);
+    }
+    assert_eq!(
+        std::fs::read_dir(workplace.path().join("folder"))
+            .unwrap()
+            .count(),
+        0
+    );
+}
+
+const FAKE: &str = "\
+matrix:
+  virtualization: [fake]
+workload:
+  windows: 2
+  window: 8s
+  period: 1s
+";
+
+#[test]
+fn a_run_of_a_future_format_is_refused() {
+    let workplace = Workplace::new();
+    workplace.write("m.yaml", FAKE);
+    assert_eq!(workplace.run(&["run", "m.yaml"]).code, Some(0));
+    let directory = workplace.run_directory();
+    let manifest = directory.join("manifest.json");
+    let text = std::fs::read_to_string(&manifest).unwrap();
+    std::fs::write(&manifest, text.replacen("\"format\": 1", "\"format\": 99", 1)).unwrap();
+    for command in ["report", "resume", "status"] {
+        refused(&workplace.run(&[command, directory.to_str().unwrap()]), &["99"]);
+    }
+}
+
+#[rstest]
+#[case::nan("NaN")]
+#[case::cut("0.1,0.2")]
+fn a_log_that_was_tampered_with_is_named_and_not_counted(#[case] tail: &str) {
+    let workplace = Workplace::new();
+    workplace.write("m.yaml", FAKE);
+    assert_eq!(workplace.run(&["run", "m.yaml"]).code, Some(0));
+    let directory = workplace.run_directory();
+    let scenario = std::fs::read_dir(directory.join("scenarios"))
+        .unwrap()
+        .next()
+        .unwrap()
+        .unwrap()
+        .path();
+    let log = scenario.join("window-2/control.csv");
+    let mut text = std::fs::read_to_string(&log).unwrap();
+    text.push_str(tail);
+    std::fs::write(&log, text).unwrap();
+    let ran = workplace.run(&["report", directory.to_str().unwrap()]);
+    assert!(!ran.err.contains("panicked"), "{ran:?}");
+    assert!(
+        format!("{}{}", ran.out, ran.err).contains("control.csv"),
+        "the file is named: {ran:?}"
+    );
+}
+
+#[rstest]
+#[case::text("1\nzwei\n", &["x:2", "zwei"])]
+#[case::nothing("", &["x"])]
+#[case::infinite("1\ninf\n", &["x", "inf"])]
+#[case::not_a_number("1\nNaN\n", &["x", "NaN"])]
+fn a_ks_file_that_is_not_a_sample_is_refused(#[case] text: &str, #[case] words: &[&str]) {
+    let workplace = Workplace::new();
+    workplace.write("x", text);
+    workplace.write("y", "1\n2\n");
+    refused(&workplace.run(&["ks", "x", "y"]), words);
+}
+
+#[test]
+fn ks_prints_the_papers_limit_case() {
+    let workplace = Workplace::new();
+    let x: Vec<String> = (0..60).map(|i| i.to_string()).collect();
+    let y: Vec<String> = (22..82).map(|i| i.to_string()).collect();
+    workplace.write("x", x.join("\n"));
+    workplace.write("y", y.join("\n"));
+    let test = workplace.json(&["ks", "x", "y"]);
+    assert_eq!(
+        (&test["h"], &test["lcm"], &test["method"]),
+        (&22.into(), &60.into(), &"exact".into())
+    );
+    let p = test["p"].as_f64().unwrap();
+    assert!((p / 0.000_556_971_061_145_461_7 - 1.0).abs() < 1e-12, "{test:#}");
+}

@@ -1,0 +1,70 @@
+//! Whatever kills `matrix`, the run can be gone on with and nothing is lost or left behind.
+
+use tests::Workplace;
+
+/// Two fake scenarios of four windows: the whole pipeline in a blink.
+const FAKE: &str = "\
+matrix:
+  virtualization: [fake]
+  place: [here, there]
+workload:
+  windows: 4
+  window: 8s
+  period: 1s
+";
+
+#[test]
+fn a_run_killed_after_any_line_is_whole_after_resume() {
+    let lines = {
+        let workplace = Workplace::new();
+        workplace.write("m.yaml", FAKE);
+        let mut running = workplace.start(&["run", "m.yaml"]);
+        std::iter::from_fn(|| running.next_line()).count()
+    };
+    assert!(lines > 20, "a run says what it does: {lines} lines");
+    for killed_after in 1..lines {
+        let workplace = Workplace::new();
+        workplace.write("m.yaml", FAKE);
+        let mut running = workplace.start(&["run", "m.yaml"]);
+        for _ in 0..killed_after {
+            running.next_line();
+        }
+        running.kill();
+        let Ok(mut runs) = std::fs::read_dir(workplace.path().join("runs")) else {
+            continue;
+        };
+        if runs.next().is_none() {
+            continue;
+        }
+        let directory = workplace.run_directory();
+        let directory = directory.to_str().unwrap();
+        let resumed = workplace.run(&["resume", directory]);
+        assert_eq!(
+            resumed.code,
+            Some(0),
+            "killed after {killed_after} lines: {resumed:?}"
+        );
+        let report = workplace.json(&["report", directory]);
+        for scenario in report["within"].as_array().unwrap() {
+            assert_eq!(
+                scenario["pairs"], 6,
+                "killed after {killed_after} lines: {report:#}"
+            );
+        }
+        assert_eq!(
+            report["between"][0]["pairs"], 16,
+            "killed after {killed_after} lines: {report:#}"
+        );
+        let clean = workplace.json(&["clean", "--dry-run"]);
+        let left: Vec<_> = clean["leftovers"]
+            .as_array()
+            .unwrap()
+            .iter()
+            .filter(|leftover| leftover["run_directory"].as_str() == Some(directory))
+            .collect();
+        assert!(
+            left.is_empty(),
+            "killed after {killed_after} lines, left behind: {left:#?}"
+        );
+    }
+}

@@ -1,0 +1,109 @@
+//! The whole way through on the real engines: native and Docker, from a matrix file to the paper's tables.
+
+use std::process::Command;
+
+use serde_json::Value;
+use tests::Workplace;
+
+/// Windows of eight periods of one second: the test can reject at that size, and the way through is the whole way.
+const MATRIX: &str = "\
+matrix:
+  virtualization: [native, docker, virtualbox]
+workload:
+  windows: 4
+  window: 8s
+  period: 1s
+  reference: {amplitude_m: 0.05}
+";
+
+fn find<'a>(rows: &'a Value, id: &str) -> &'a Value {
+    rows.as_array()
+        .unwrap()
+        .iter()
+        .find(|row| row["id"] == id)
+        .unwrap()
+}
+
+#[test]
+fn native_and_docker_are_measured_and_compared_as_in_the_paper() {
+    let workplace = Workplace::measuring();
+    workplace.write("matrix.yaml", MATRIX);
+    let mut running = workplace.start(&["run", "matrix.yaml"]);
+    let before = running.wait_for("window 4 complete");
+    let memory = running.peak_memory_kib();
+    assert!(
+        memory <= 80 * 1024,
+        "matrix has {memory} KiB resident during a run"
+    );
+    let mut ran = running.end();
+    ran.err.insert_str(0, &before);
+    assert_eq!(ran.code, Some(0), "{ran:?}");
+    let discard = ran.err.find("matrix clean").expect("it says how to clean up");
+    let created = ran.err.find("creating").expect("it says what it creates");
+    assert!(
+        discard < created,
+        "how to clean up is said before anything is created:\n{}",
+        ran.err
+    );
+
+    let directory = workplace.run_directory();
+    let report = workplace.json(&["report", directory.to_str().unwrap()]);
+    for id in ["a", "b"] {
+        assert_eq!(find(&report["within"], id)["pairs"], 6, "{report:#}");
+    }
+    assert_eq!(report["between"].as_array().unwrap().len(), 1, "{report:#}");
+    assert_eq!(report["between"][0]["pairs"], 16, "{report:#}");
+    let sizes: Vec<u64> = report["comparisons"]
+        .as_array()
+        .unwrap()
+        .iter()
+        .map(|c| c["n"].as_u64().unwrap())
+        .collect();
+    assert!(
+        sizes.iter().all(|n| *n == 7 || *n == 8),
+        "the first period of a run is left out: {sizes:?}"
+    );
+
+    for scenario in std::fs::read_dir(directory.join("scenarios")).unwrap() {
+        let scenario = scenario.unwrap().path();
+        let environment: Value =
+            serde_json::from_slice(&std::fs::read(scenario.join("environment.json")).unwrap()).unwrap();
+        assert_ne!(environment["provider"], "fake");
+        for window in 1..=4 {
+            let folder = scenario.join(format!("window-{window}"));
+            let record: Value =
+                serde_json::from_slice(&std::fs::read(folder.join("window.json")).unwrap()).unwrap();
+            assert_eq!(record["steps_done"], 400, "{record:#}");
+            for capture in record["captures"].as_array().unwrap() {
+                assert!(capture["packets"].as_u64().unwrap() > 400, "{record:#}");
+                assert_eq!(capture["dropped"], 0, "{record:#}");
+            }
+        }
+    }
+
+    let status = workplace.json(&["status", directory.to_str().unwrap()]);
+    assert_eq!(status["finished"], true);
+    assert_eq!(find(&status["scenarios"], "c")["state"], "infeasible");
+
+    assert_eq!(workplace.run(&["clean"]).code, Some(0));
+    assert_eq!(
+        workplace.json(&["clean", "--dry-run"])["leftovers"],
+        serde_json::json!([])
+    );
+    assert_eq!(labelled("ps"), "", "no container is left");
+    assert_eq!(labelled("volume"), "", "no volume is left");
+}
+
+/// What the engine has with a label of ours.
+fn labelled(kind: &str) -> String {
+    let arguments: &[&str] = match kind {
+        "ps" => &["ps", "-aq", "--filter", "label=matrix.run"],
+        _ => &["volume", "ls", "-q", "--filter", "label=matrix.run"],
+    };
+    let output = Command::new("docker")
+        .args(arguments)
+        .output()
+        .expect("the docker command is there");
+    assert!(output.status.success(), "{output:?}");
+    String::from_utf8_lossy(&output.stdout).trim().to_owned()
+}
