@@ -13,6 +13,7 @@ mod spelling;
 mod sweep;
 mod tree;
 mod typing;
+mod yaml;
 
 use std::{fs::File, io::Read, path::Path, sync::Arc};
 
@@ -107,7 +108,7 @@ impl MatrixFile {
     pub fn read(path: &Path, profile: Option<&str>) -> Result<Self, Diagnostics> {
         let name = path.display().to_string();
         // One byte more than is allowed, so that a file that is too large is seen to be, whatever its size.
-        let limit = u64::try_from(tree::BYTES + 1).unwrap_or(u64::MAX);
+        let limit = u64::try_from(yaml::BYTES + 1).unwrap_or(u64::MAX);
         let mut bytes = Vec::new();
         File::open(path)
             .and_then(|file| file.take(limit).read_to_end(&mut bytes))
@@ -121,7 +122,7 @@ impl MatrixFile {
     /// All that is wrong with it.
     pub fn parse(name: &str, bytes: &[u8], profile: Option<&str>) -> Result<Self, Diagnostics> {
         let source = Arc::new(decode(name, bytes)?);
-        let tree = tree::parse(&source)?;
+        let tree = yaml::parse(&source)?;
         let mut found = Diagnostics::new();
         check_sections(&source, &tree, &mut found);
         if !matches!(tree.content, Content::Mapping(_)) {
@@ -301,10 +302,10 @@ fn unreadable(name: &str, error: &std::io::Error) -> Diagnostics {
 }
 
 fn decode(name: &str, bytes: &[u8]) -> Result<Source, Diagnostics> {
-    if bytes.len() > tree::BYTES {
+    if bytes.len() > yaml::BYTES {
         let beginning = String::from_utf8_lossy(bytes.get(..80).unwrap_or_default()).into_owned();
         let source = Arc::new(Source::new(name, beginning));
-        let message = format!("the file is larger than {} KiB", tree::BYTES / 1024);
+        let message = format!("the file is larger than {} KiB", yaml::BYTES / 1024);
         return Err(
             Diagnostic::error(&source, Code::TooLarge, Span { start: 0, end: 1 }, message)
                 .help("a matrix file of a thousand scenarios has some 50 KiB; is this one?")
