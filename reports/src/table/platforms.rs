@@ -36,7 +36,9 @@ pub(super) fn contrasts(report: &Report) -> Table {
     }
     let mut notes: Vec<String> = missing_pairs(report, &controls, &others);
     notes.extend(no_data_note(shown.into_iter()));
-    notes.push(NOT_INDEPENDENT.to_owned());
+    if !rows.is_empty() {
+        notes.push(NOT_INDEPENDENT.to_owned());
+    }
     Table {
         title: "Table 2. Controls against each other, and virtualizations on each platform".to_owned(),
         columns: texts(&[
