@@ -1,8 +1,7 @@
 //! The `workload` binary: what is deployed into an environment.
 //!
-//! Exit codes: 0 all windows are on disk (or the check was made, whatever it found), 1 the experiment went wrong, 2 the
-//! call or the settings are wrong, 3 the platform does not offer what is needed, 4 it was asked to stop and did so in
-//! order.
+//! Exit codes: 0 all windows are on disk, or it was asked to stop and did so in order, or the check was made whatever it
+//! found; 1 the run failed; 2 the call or the settings are wrong. The last line of progress says which and why.
 
 use std::{
     io::{self, Write},
@@ -27,8 +26,6 @@ use workload::{
 
 const FAILED: u8 = 1;
 const WRONG_CALL: u8 = 2;
-const PLATFORM_LACKS: u8 = 3;
-const STOPPED: u8 = 4;
 
 /// One networked control experiment, in one environment.
 #[derive(Debug, Parser)]
@@ -161,12 +158,11 @@ fn report_outcome(reporter: &Reporter, outcome: Result<Ending, ExperimentError>)
         }
         Ok(Ending::Stopped { window }) => {
             reporter.say(&Progress::Stopped { window });
-            STOPPED
+            0
         }
         Err(error) => {
             let platform = error.is_of_platform();
-            let code = if platform { PLATFORM_LACKS } else { FAILED };
-            report_failure(reporter, with_causes(&error), error.hint(), platform, code)
+            report_failure(reporter, with_causes(&error), error.hint(), platform, FAILED)
         }
     }
 }
