@@ -61,7 +61,7 @@ use crate::{
 };
 
 /// How far ahead the experiment's zero is chosen: room to create the first window's files.
-const AHEAD_NS: i64 = 50_000_000;
+const AHEAD_NS: i64 = 20_000_000;
 
 /// What is to be measured.
 #[derive(Debug, Clone, PartialEq)]

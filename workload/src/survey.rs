@@ -96,7 +96,9 @@ fn priority_check(settings: &Settings) -> Check {
         available: refusal.is_none(),
         fix: refusal.as_ref().map(|_| {
             format!(
-                "run as root, or allow priority {} with `ulimit -r`; in a container, add the capability SYS_NICE",
+                "run as root, or allow priority {} with `ulimit -r`; in a container, add the capability SYS_NICE, and \
+                 where `/sys/fs/cgroup/cpu/cpu.rt_runtime_us` exists, give it a share of real time (dockerd and docker \
+                 run: `--cpu-rt-runtime`)",
                 settings.realtime.priority
             )
         }),

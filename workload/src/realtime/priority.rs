@@ -7,7 +7,7 @@
 use nix::errno::Errno;
 
 /// Asks for SCHED_FIFO at this priority for the calling thread; 0 asks for nothing. Threads that it starts later
-/// inherit it.
+/// are ordinary ones.
 ///
 /// # Errors
 /// What the kernel says, such as EPERM without CAP_SYS_NICE.
@@ -18,8 +18,9 @@ pub fn request_fifo(priority: u8) -> Result<(), Errno> {
     let parameters = libc::sched_param {
         sched_priority: priority.into(),
     };
+    let policy = libc::SCHED_FIFO | libc::SCHED_RESET_ON_FORK;
     // SAFETY: the parameters live until the call returns; 0 names the calling thread.
-    let outcome = unsafe { libc::sched_setscheduler(0, libc::SCHED_FIFO, &parameters) };
+    let outcome = unsafe { libc::sched_setscheduler(0, policy, &parameters) };
     Errno::result(outcome).map(drop)
 }
 
