@@ -351,6 +351,19 @@ mod tests {
         assert!(errors(&settings(0), 20_001).steps_at_limit > 0);
     }
 
+    /// With a short period the plate has more to do: the amplitude must shrink with it.
+    #[rstest]
+    #[case::quick(0.4, false)]
+    #[case::nearly_too_much(0.6, false)]
+    #[case::too_much(1.0, true)]
+    fn with_a_period_of_4_s_the_loop_is_linear_up_to_0_6_m(#[case] amplitude_m: f64, #[case] limited: bool) {
+        let mut settings = settings(10);
+        settings.period = TimeSpan::from_secs(4);
+        settings.reference.amplitude_m = amplitude_m;
+        let mut run = Simulation::new(&settings, Delays::fixed(Duration::from_micros(20_300))).take(1600);
+        assert_eq!(run.any(|step| step.at_angle_limit), limited);
+    }
+
     #[test]
     fn a_state_arrives_as_old_as_the_delay_and_the_schedule_make_it() {
         let rows: Vec<ControlRow> = Simulation::new(&settings(10), Delays::fixed(Duration::from_millis(20)))
