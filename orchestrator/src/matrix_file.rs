@@ -21,6 +21,7 @@ use reports::settings::ReportSettings;
 use workload::settings::{Settings, SettingsProblem};
 
 pub use axes::{Assignment, Axes, Axis, AxisValue, Exclude, Include};
+pub(crate) use axes::{FEWER, SCENARIOS};
 pub use diagnostic::{Code, Diagnostic, Diagnostics, Severity};
 pub use hosts::{Connection, Host, Ssh, SshAddress, THIS_MACHINE};
 pub use schema::schema;
@@ -40,6 +41,8 @@ const PROFILES: &str = "profiles";
 
 /// The sections of a matrix file.
 const SECTIONS: [&str; 6] = [MATRIX, HOSTS, WORKLOAD, REPORT, PROVIDERS, PROFILES];
+/// Most profiles in one file.
+const MOST_PROFILES: usize = 100;
 /// The sections that a profile can override.
 const IN_PROFILES: [&str; 4] = [MATRIX, WORKLOAD, REPORT, PROVIDERS];
 
@@ -204,11 +207,10 @@ impl MatrixFile {
             .axes
             .iter()
             .flat_map(|axis| axis.values.iter().map(|value| (&axis.name, value)));
-        for (name, value) in on_axes.chain(in_rules) {
-            if Role::of(&name.value) == Ok(Role::Sweep) {
-                if let Err(wrong) = self.swept([(name.value.as_str(), value)]) {
-                    found.extend(wrong);
-                }
+        let values = on_axes.chain(in_rules);
+        for (name, value) in values.filter(|(name, _)| Role::of(&name.value) == Ok(Role::Sweep)) {
+            if let Err(wrong) = self.swept([(name.value.as_str(), value)]) {
+                found.extend(wrong);
             }
         }
     }
@@ -400,6 +402,13 @@ fn read_profiles<'a>(source: &Arc<Source>, tree: &'a Node, found: &mut Diagnosti
     }
     for profile in &profiles {
         check_keys(source, profile.node, &IN_PROFILES, found);
+    }
+    // Each is read with the whole file under it.
+    if let Some(profile) = profiles.get(MOST_PROFILES) {
+        let message = format!("there are more than {MOST_PROFILES} profiles");
+        let error = Diagnostic::error(source, Code::TooLarge, profile.name.span, message);
+        found.push(error.help("take some away, or write several matrix files"));
+        profiles.truncate(MOST_PROFILES);
     }
     profiles
 }

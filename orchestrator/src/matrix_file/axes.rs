@@ -90,6 +90,11 @@ pub struct Include {
     pub span: Span,
 }
 
+/// More scenarios than these are a mistake: at the paper's settings a thousand take nine months.
+pub const SCENARIOS: usize = 1000;
+/// What to do about too many.
+pub const FEWER: &str = "take values away, or write several matrix files";
+
 /// The names that are no axes in this section.
 const EXCLUDE: &str = "exclude";
 const INCLUDE: &str = "include";
@@ -179,6 +184,16 @@ impl Section<'_> {
                 .label("an empty list makes no scenario at all")
                 .help("write its values, or leave the axis out");
             self.found.push(error);
+            return None;
+        }
+        if items.len() > SCENARIOS {
+            let message = format!(
+                "the axis `{}` has {} values, more than {SCENARIOS}",
+                name.value,
+                items.len()
+            );
+            self.found
+                .push(self.error(Code::TooManyScenarios, name.span, message).help(FEWER));
             return None;
         }
         let mut values: Vec<AxisValue> = Vec::new();

@@ -142,7 +142,7 @@ impl Diagnostic {
         Self {
             severity: Severity::Error,
             code,
-            message: message.into(),
+            message: shortened(message.into()),
             help: None,
             source: Arc::clone(source),
             label: Label {
@@ -181,7 +181,7 @@ impl Diagnostic {
     /// With what to write instead.
     #[must_use]
     pub fn help(mut self, help: impl Into<String>) -> Self {
-        self.help = Some(help.into());
+        self.help = Some(shortened(help.into()));
         self
     }
 
@@ -200,19 +200,28 @@ impl Diagnostic {
     /// As a person reads it, several lines without a newline at the end.
     #[must_use]
     pub fn render(&self, renderer: &Renderer) -> String {
-        let name = self.source.name();
-        let snippet = Snippet::source(self.source.text())
-            .path(name)
+        let labels = || std::iter::once(&self.label).chain(&self.others);
+        let shown = self.source.lines_of(labels().map(|label| label.span));
+        let range = |label: &Label| {
+            let span = self.source.first_line_of(label.span);
+            span.start.saturating_sub(shown.start)..span.end.saturating_sub(shown.start)
+        };
+        let others = self.others.iter();
+        let others = others.map(|other| {
+            AnnotationKind::Context
+                .span(range(other))
+                .label(other.text.as_str())
+        });
+        // Only the lines in question: the renderer's time goes with the text it is given.
+        let snippet = Snippet::source(self.source.text().get(shown.range()).unwrap_or_default())
+            .path(self.source.name())
+            .line_start(self.source.place(shown.start).line)
             .annotation(
                 AnnotationKind::Primary
-                    .span(self.source.first_line_of(self.label.span).range())
+                    .span(range(&self.label))
                     .label(self.label.text.as_str()),
             )
-            .annotations(self.others.iter().map(|other| {
-                AnnotationKind::Context
-                    .span(self.source.first_line_of(other.span).range())
-                    .label(other.text.as_str())
-            }));
+            .annotations(others);
         // The title is ours, but parts of it come from the file: no control character may reach the terminal.
         let title = annotate_snippets::normalize_untrusted_str(&self.message);
         let mut group = Group::with_title(self.severity.level().primary_title(title).id(self.code.name()))
@@ -245,7 +254,7 @@ impl Diagnostic {
             "column": from.column,
             "end_line": to.line,
             "end_column": to.column,
-            "text": self.source.line(from.line),
+            "text": shortened(self.source.line(from.line).to_owned()),
             "label": self.label.text,
             "help": self.help,
             "others": others,
@@ -253,39 +262,62 @@ impl Diagnostic {
     }
 }
 
+/// Most mistakes of one severity that are kept; nobody reads more at a time.
+const KEPT: usize = 50;
+
+/// Most characters of a sentence: a word that is quoted from the file may be all of the file.
+const SENTENCE: usize = 1000;
+
+fn shortened(text: String) -> String {
+    match text.char_indices().nth(SENTENCE) {
+        Some((end, _)) => format!("{}…", text.get(..end).unwrap_or_default()),
+        None => text,
+    }
+}
+
 /// One or more mistakes, in the order of the text.
 #[derive(Debug, Clone, Default, PartialEq, Eq)]
-pub struct Diagnostics(Vec<Diagnostic>);
+pub struct Diagnostics {
+    kept: Vec<Diagnostic>,
+    /// Mistakes beyond [`KEPT`].
+    more: usize,
+}
 
 impl Diagnostics {
     /// None yet.
     #[must_use]
     pub const fn new() -> Self {
-        Self(Vec::new())
+        Self {
+            kept: Vec::new(),
+            more: 0,
+        }
     }
 
     /// One more, unless the very same is there: profiles are read on top of the same file, and find its mistakes again.
     pub fn push(&mut self, diagnostic: Diagnostic) {
-        if !self.0.contains(&diagnostic) {
-            self.0.push(diagnostic);
+        let same = |known: &&Diagnostic| known.severity == diagnostic.severity;
+        if self.kept.iter().filter(same).count() >= KEPT {
+            self.more += 1;
+        } else if !self.kept.contains(&diagnostic) {
+            self.kept.push(diagnostic);
         }
     }
 
     /// All of them.
     pub fn iter(&self) -> impl Iterator<Item = &Diagnostic> {
-        self.0.iter()
+        self.kept.iter()
     }
 
     /// Whether there are none.
     #[must_use]
     pub fn is_empty(&self) -> bool {
-        self.0.is_empty()
+        self.kept.is_empty()
     }
 
     /// Whether one of them is an error.
     #[must_use]
     pub fn has_errors(&self) -> bool {
-        self.0
+        self.kept
             .iter()
             .any(|diagnostic| diagnostic.severity == Severity::Error)
     }
@@ -295,7 +327,7 @@ impl Diagnostics {
     /// # Errors
     /// These, in the order of the text.
     pub fn unless_errors<T>(mut self, value: T) -> Result<(T, Self), Self> {
-        self.0
+        self.kept
             .sort_by_key(|diagnostic| (diagnostic.severity, diagnostic.label.span));
         if self.has_errors() {
             Err(self)
@@ -307,18 +339,20 @@ impl Diagnostics {
     /// As a person reads them. [`Renderer::plain`] has no colours and says the same on every terminal.
     #[must_use]
     pub fn render(&self, renderer: &Renderer) -> String {
-        let rendered: Vec<_> = self
-            .0
+        let mut rendered: Vec<_> = self
             .iter()
             .map(|diagnostic| diagnostic.render(renderer))
             .collect();
+        if self.more > 0 {
+            rendered.push(format!("and {} more", self.more));
+        }
         rendered.join("\n\n")
     }
 
     /// As a program reads them: a list.
     #[must_use]
     pub fn to_json(&self) -> Value {
-        self.0.iter().map(Diagnostic::to_json).collect()
+        self.kept.iter().map(Diagnostic::to_json).collect()
     }
 }
 
@@ -335,13 +369,16 @@ impl IntoIterator for Diagnostics {
     type IntoIter = std::vec::IntoIter<Diagnostic>;
 
     fn into_iter(self) -> Self::IntoIter {
-        self.0.into_iter()
+        self.kept.into_iter()
     }
 }
 
 impl From<Diagnostic> for Diagnostics {
     fn from(diagnostic: Diagnostic) -> Self {
-        Self(vec![diagnostic])
+        Self {
+            kept: vec![diagnostic],
+            more: 0,
+        }
     }
 }
 

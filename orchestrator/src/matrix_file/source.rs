@@ -107,6 +107,18 @@ impl Source {
         }
     }
 
+    /// The whole lines on which spans begin, and all between them.
+    #[must_use]
+    pub fn lines_of(&self, spans: impl Iterator<Item = Span>) -> Span {
+        let lines: Vec<_> = spans.map(|span| self.place(span.start).line).collect();
+        let first = lines.iter().min().copied().unwrap_or(1);
+        let last = lines.iter().max().copied().unwrap_or(1);
+        Span {
+            start: self.lines.get(first - 1).copied().unwrap_or_default(),
+            end: self.lines.get(last).copied().unwrap_or(self.text.len()),
+        }
+    }
+
     /// The text of a line, counted from 1.
     #[must_use]
     pub fn line(&self, line: usize) -> &str {

@@ -150,6 +150,37 @@ fn ten_megabytes_of_nesting_are_one_clear_error() {
     insta::assert_snapshot!(told(text.as_bytes(), None));
 }
 
+/// Texts just below the size limit that would take minutes, or the stack, if anything went with the square of the text.
+#[rstest]
+#[case::flow("[".repeat(1_000_000))]
+#[case::one_word("a".repeat(1_000_000))]
+#[case::quotes("'".repeat(1_000_000))]
+#[case::keys((0..40_000).map(|key| format!("k{key}: 1\n")).collect())]
+#[case::labels(format!("matrix:\n{}", (0..20_000).map(|key| format!("  k{key}: [1]\n")).collect::<String>()))]
+#[case::values(format!("matrix:\n  a: [{}]\n", (0..40_000).map(|value| format!("{value}, ")).collect::<String>()))]
+#[case::includes(format!("matrix:\n  include:\n{}", (0..15_000).map(|value| format!("  - {{a: {value}}}\n")).collect::<String>()))]
+#[case::excludes(format!("matrix:\n  a: [1]\n  exclude:\n{}", (0..10_000).map(|value| format!("  - {{a: {value}}}\n")).collect::<String>()))]
+#[case::profiles(format!("matrix: {{}}\nprofiles:\n{}", (0..20_000).map(|key| format!("  k{key}: {{}}\n")).collect::<String>()))]
+#[case::comments("#\n".repeat(500_000))]
+#[case::anchors("- &a x\n".repeat(140_000))]
+#[case::wrong_settings(format!("matrix: {{}}\nworkload:\n{}", (0..20_000).map(|key| format!("  k{key}: 1\n")).collect::<String>()))]
+fn a_file_made_to_be_slow_is_not(#[case] text: String) {
+    let started = std::time::Instant::now();
+    let told = told(text.as_bytes(), None);
+    let rendered = told.to_string();
+    assert!(
+        !rendered.is_empty() && rendered.len() < 100_000,
+        "{} bytes",
+        rendered.len()
+    );
+    // Generous, for a busy machine: what is wrong here takes minutes.
+    assert!(
+        started.elapsed() < std::time::Duration::from_secs(20),
+        "{:?}",
+        started.elapsed()
+    );
+}
+
 #[test]
 fn programs_read_the_same() {
     insta::assert_snapshot!(

@@ -10,12 +10,10 @@ use std::collections::{HashMap, HashSet};
 
 use super::placement::Offer;
 use crate::matrix_file::{
-    Assignment, Axis, AxisValue, Code, Diagnostic, Diagnostics, Exclude, HARDWARE, Include, MatrixFile, OS,
-    Role, VIRTUALIZATION, did_you_mean, list, propose, source::Span,
+    Assignment, Axis, AxisValue, Code, Diagnostic, Diagnostics, Exclude, FEWER, HARDWARE, Include,
+    MatrixFile, OS, Role, SCENARIOS, VIRTUALIZATION, did_you_mean, list, propose, source::Span,
 };
 
-/// More scenarios than these are a mistake: at the paper's settings they would take 750 years.
-const SCENARIOS: usize = 1000;
 /// The reason of an exclude that gives none.
 const NO_REASON: &str = "excluded by the matrix file";
 
@@ -58,6 +56,10 @@ pub fn expand(file: &MatrixFile, offers: &[Offer], found: &mut Diagnostics) -> V
     expansion.exclude();
     for include in &file.matrix.includes {
         expansion.include(include);
+        if expansion.drafts.len() > SCENARIOS {
+            expansion.too_many(Some(expansion.drafts.len()));
+            break;
+        }
     }
     expansion.finish()
 }
@@ -145,17 +147,15 @@ impl<'a> Expansion<'a> {
             || "more than can be counted".to_owned(),
             |count| count.to_string(),
         );
-        let message = format!("the axes make {count} scenarios, more than {SCENARIOS}");
+        let message = format!("these are {count} scenarios, more than {SCENARIOS}");
         let span = self
             .file
             .matrix
             .axes
             .first()
             .map_or(self.file.matrix.span, |axis| axis.name.span);
-        self.found.push(
-            Diagnostic::error(&self.file.source, Code::TooManyScenarios, span, message)
-                .help("take values away, or write several matrix files"),
-        );
+        self.found
+            .push(Diagnostic::error(&self.file.source, Code::TooManyScenarios, span, message).help(FEWER));
     }
 
     /// What the hosts offer, each pair once.
