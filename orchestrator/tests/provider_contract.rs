@@ -1,28 +1,20 @@
 //! What every provider promises, tried on each of them: fake, native on this machine, Docker on its engine. Without an
 //! engine, or without the rights that the network needs, these tests fail: they never skip.
 
+#![allow(clippy::unwrap_used, clippy::panic)] // What tests may, but clippy knows only functions that are tests themselves.
+
 mod provided;
 
 use std::path::Path;
 
-use orchestrator::provider::{Availability, Environment, Provider, ProviderError};
-use provided::{Platform, lines_of, request, table};
+use orchestrator::provider::{Availability, Environment, ProviderError};
+use provided::{Platform, left_of, lines_of, request, until};
 use sha2::{Digest as _, Sha256};
 use workload::record::{
     platform::PlatformRecord,
     progress::Progress,
     window::{Verdict, WindowRecord},
 };
-
-/// What belongs to this environment of all that the provider has left on the host.
-async fn left_of(provider: &dyn Provider, environment: &str) -> Vec<String> {
-    let leftovers = provider.leftovers().await.unwrap();
-    leftovers
-        .into_iter()
-        .filter(|leftover| leftover.resource.name.contains(environment))
-        .map(|leftover| leftover.resource.kind)
-        .collect()
-}
 
 fn assert_whole(folder: &Path, windows: &[u32]) {
     let read = |name: &str| std::fs::read(folder.join(name)).unwrap();
@@ -150,14 +142,7 @@ async fn outlives_us_and_ends_in_order(platform: Platform) {
 }
 
 async fn until_measuring(environment: &mut dyn Environment) {
-    loop {
-        match environment.next_progress().await.unwrap() {
-            Some(Progress::Measuring { .. }) => return,
-            Some(Progress::Failed { reason, .. }) => panic!("{reason}"),
-            Some(_) => {}
-            None => panic!("it ended: {:?}", environment.ended().await),
-        }
-    }
+    until(environment, |line| matches!(line, Progress::Measuring { .. })).await;
 }
 
 /// Discarding what runs leaves nothing, not even a process.
@@ -192,6 +177,18 @@ async fn leftovers_are_removed(platform: Platform) {
         Vec::<String>::new()
     );
     assert!(provider.find(&request).await.unwrap().is_none());
+}
+
+/// One test for each promise on each platform that makes it.
+macro_rules! table {
+    ($($promise:ident: $($platform:ident),+;)+) => {
+        $(mod $promise {
+            $(#[tokio::test]
+            async fn $platform() {
+                super::$promise(super::Platform::$platform()).await;
+            })+
+        })+
+    };
 }
 
 table! {

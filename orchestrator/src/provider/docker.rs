@@ -19,7 +19,7 @@ mod settings;
 
 use async_trait::async_trait;
 use bollard::{
-    models::ContainerInspectResponse,
+    models::{ContainerInspectResponse, ImageInspect},
     query_parameters::{
         CreateContainerOptionsBuilder, InspectContainerOptions, ListContainersOptionsBuilder,
         ListImagesOptionsBuilder, ListVolumesOptionsBuilder, RemoveImageOptionsBuilder,
@@ -268,12 +268,14 @@ impl Provider for Docker {
         }
 
         let options = ListImagesOptionsBuilder::default()
-            .filters(&labels::only_ours())
+            .filters(&labels::only_our_images())
             .build();
         for found in engine.api.list_images(Some(options)).await.map_err(failed)? {
-            let labels = Labels::read(Some(found.labels));
-            let name = found.repo_tags.into_iter().next().unwrap_or(found.id);
-            leftovers.push(self.leftover(IMAGE, &name, &labels, false));
+            if image::is_our_name(&found.repo_tags) {
+                let name = found.repo_tags.into_iter().next().unwrap_or(found.id);
+                // Runs share it, whatever an image it was built upon says of its own.
+                leftovers.push(self.leftover(IMAGE, &name, &Labels::default(), false));
+            }
         }
         Ok(leftovers)
     }
@@ -300,8 +302,12 @@ impl Provider for Docker {
             }
             IMAGE => {
                 let found = if_there("looking for the image", engine.api.inspect_image(name).await)?;
-                let labels = found.and_then(|found| found.config).map(|config| config.labels);
-                if labels.is_some_and(|labels| Labels::read(labels).are_ours()) {
+                let ours = |found: ImageInspect| {
+                    let labels = found.config.and_then(|config| config.labels);
+                    Labels::read(labels).are_of_our_image()
+                        && image::is_our_name(&found.repo_tags.unwrap_or_default())
+                };
+                if found.is_some_and(ours) {
                     remove_image(engine, name).await?;
                 }
                 Ok(())

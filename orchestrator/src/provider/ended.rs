@@ -13,8 +13,6 @@ pub struct Ended {
     pub how: String,
 }
 
-/// What the workload ends with when it was asked to end and did so in order.
-const STOPPED: i64 = 4;
 /// A shell, and so an engine, reports a death by signal N as this plus N.
 const SIGNAL_BASE: i64 = 128;
 
@@ -26,7 +24,7 @@ impl Ended {
             Self::by_signal(code - SIGNAL_BASE)
         } else {
             Self {
-                success: matches!(code, 0 | STOPPED),
+                success: code == 0,
                 how: format!("exit code {code}{}", meaning(code)),
             }
         }
@@ -100,7 +98,6 @@ const fn meaning(code: i64) -> &'static str {
         1 => " (the experiment went wrong)",
         2 => " (its call or its settings were wrong)",
         3 => " (the platform does not offer what is needed)",
-        STOPPED => " (it stopped as it was asked to)",
         _ => "",
     }
 }
@@ -112,7 +109,6 @@ mod tests {
     #[rstest::rstest]
     #[case(0, true, "exit code 0")]
     #[case(3, false, "exit code 3 (the platform does not offer what is needed)")]
-    #[case(4, true, "exit code 4 (it stopped as it was asked to)")]
     #[case(137, false, "killed by signal 9 (SIGKILL)")]
     #[case(255, false, "exit code 255")]
     fn an_exit_code_is_put_into_words(#[case] code: i64, #[case] success: bool, #[case] how: &str) {

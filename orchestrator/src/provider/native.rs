@@ -11,7 +11,10 @@ mod follow;
 mod process;
 mod readiness;
 
-use std::{fs::File, process::Command, process::Stdio};
+use std::{
+    fs::File,
+    process::{Command, Stdio},
+};
 
 use async_trait::async_trait;
 use reports::run_directory::Resource;

@@ -1,5 +1,5 @@
 //! What the tests of providers share: platforms to try them on, and requests that are short.
-#![allow(dead_code, clippy::unwrap_used)] // Each test file uses a part of it; allow-unwrap-in-tests does not reach here.
+#![allow(dead_code)] // Each test file uses a part of it.
 
 use std::{
     process,
@@ -88,15 +88,24 @@ pub async fn lines_of(environment: &mut dyn Environment) -> Vec<Progress> {
     said
 }
 
-/// One test for each promise on each platform that makes it.
-macro_rules! table {
-    ($($promise:ident: $($platform:ident),+;)+) => {
-        $(mod $promise {
-            $(#[tokio::test]
-            async fn $platform() {
-                super::$promise(super::Platform::$platform()).await;
-            })+
-        })+
-    };
+/// Takes lines until one is as wanted.
+pub async fn until(environment: &mut dyn Environment, wanted: impl Fn(&Progress) -> bool) {
+    loop {
+        match environment.next_progress().await.unwrap() {
+            Some(line) if wanted(&line) => return,
+            Some(Progress::Failed { reason, .. }) => panic!("{reason}"),
+            Some(_) => {}
+            None => panic!("it ended: {:?}", environment.ended().await),
+        }
+    }
 }
-pub(crate) use table;
+
+/// What belongs to this environment of all that the provider has left on the host, by kind.
+pub async fn left_of(provider: &dyn Provider, environment: &str) -> Vec<String> {
+    let leftovers = provider.leftovers().await.unwrap();
+    leftovers
+        .into_iter()
+        .filter(|leftover| leftover.resource.name.contains(environment))
+        .map(|leftover| leftover.resource.kind)
+        .collect()
+}

@@ -1,7 +1,10 @@
 //! The connection to a Docker Engine. The main type is [`Engine`]; the only module besides its siblings that knows
 //! bollard, whose errors become ours here.
 
-use std::{env, io, path::PathBuf};
+use std::{
+    env, io,
+    path::{Path, PathBuf},
+};
 
 use bollard::{Docker as Api, errors::Error};
 
@@ -12,6 +15,7 @@ use crate::{
 
 /// The oldest API that this was tried with: Engine 20.10.
 const OLDEST_API: (u32, u32) = (1, 41);
+const TUN: &str = "/dev/net/tun";
 const SOCKET: &str = "/var/run/docker.sock";
 
 /// An engine that answers.
@@ -29,6 +33,8 @@ pub struct Engine {
     pub architecture: String,
     /// Its kernel.
     pub kernel: String,
+    /// Whether it is on this machine, whose devices are then its own.
+    pub is_here: bool,
 }
 
 impl Engine {
@@ -52,6 +58,7 @@ impl Engine {
             os: version.os.unwrap_or_default(),
             architecture: version.arch.unwrap_or_default(),
             kernel: version.kernel_version.unwrap_or_default(),
+            is_here: address.starts_with("unix://"),
         })
     }
 
@@ -75,6 +82,11 @@ impl Engine {
             unavailable(
                 format!("Docker Engine {} runs {} containers", self.version, self.os),
                 "switch it to Linux containers",
+            )
+        } else if self.is_here && !Path::new(TUN).exists() {
+            unavailable(
+                format!("the kernel of Docker Engine {} has no {TUN}", self.version),
+                "load its TUN driver: `sudo modprobe tun`",
             )
         } else if self.architecture != wanted {
             unavailable(
@@ -199,6 +211,7 @@ const PLATFORM: &str = "the Docker Engine";
 
 /// What to do about a refusal, by the engine's words.
 fn hint(message: &str) -> Option<String> {
+    let message = message.to_lowercase();
     let hints = [
         (
             "/dev/net/tun",
@@ -221,11 +234,11 @@ fn hint(message: &str) -> Option<String> {
             "name processors that this machine has in `providers.docker.cpuset`",
         ),
         (
-            "range of CPUs",
+            "range of cpus",
             "ask for no more `providers.docker.cpus` than this machine has",
         ),
         (
-            "inimum memory",
+            "minimum memory",
             "ask for at least `6MiB` in `providers.docker.memory`",
         ),
     ];
@@ -289,6 +302,7 @@ mod tests {
             os: os.to_owned(),
             architecture: architecture.to_owned(),
             kernel: String::new(),
+            is_here: false,
         }
     }
 

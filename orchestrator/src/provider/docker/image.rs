@@ -83,6 +83,14 @@ fn name(base_id: Option<&str>) -> String {
     }
 }
 
+/// Whether images with these names can be ours: somebody else's that were made from ours have others.
+pub fn is_our_name(names: &[String]) -> bool {
+    names.iter().all(|name| {
+        name.strip_prefix(REPOSITORY)
+            .is_some_and(|tag| tag.starts_with(':'))
+    })
+}
+
 /// The digest of the image of that name, if it is what the name says.
 async fn existing(engine: &Engine, name: &str) -> Result<Option<String>, ProviderError> {
     let action = format!("looking for the image {name}");
@@ -145,6 +153,16 @@ mod tests {
         assert_eq!(alone.len(), REPOSITORY.len() + 1 + 12);
         let upon = name(Some("sha256:0123456789abcdef"));
         assert_eq!(upon, format!("{alone}-on-0123456789ab"));
+    }
+
+    #[rstest::rstest]
+    #[case(&["matrix-workload:0123"], true)]
+    #[case(&[], true)]
+    #[case(&["matrix-workload-2:0123"], false)]
+    #[case(&["matrix-workload:0123", "mine:1"], false)]
+    fn an_image_with_a_name_that_another_gave_it_is_not_ours(#[case] names: &[&str], #[case] ours: bool) {
+        let names: Vec<_> = names.iter().map(ToString::to_string).collect();
+        assert_eq!(is_our_name(&names), ours);
     }
 
     #[test]

@@ -1,5 +1,8 @@
 //! The labels that everything of ours carries on an engine: how it is found again, and how it is told from what others
 //! have there. The main type is [`Labels`].
+//!
+//! A container inherits the labels of its image, and an image those of the container it was committed from. So images
+//! have an owner's label of their own, and what somebody else makes of our image is not taken for ours.
 
 use std::{collections::HashMap, path::PathBuf};
 
@@ -11,6 +14,7 @@ const SCENARIO: &str = "matrix.scenario";
 const ENVIRONMENT: &str = "matrix.environment";
 const OWNER: &str = "matrix.owner";
 const WORKLOAD: &str = "matrix.workload";
+const IMAGE_OWNER: &str = "matrix.image-owner";
 
 /// What a thing's labels say.
 #[derive(Debug, Clone, Default, PartialEq, Eq)]
@@ -25,21 +29,20 @@ impl Labels {
             (RUN_DIRECTORY, request.run_directory.display().to_string()),
             (SCENARIO, request.scenario.clone()),
             (ENVIRONMENT, request.environment.clone()),
+            (OWNER, owner()),
         ])
     }
 
     /// Of an image with the workload of this hash.
     #[must_use]
     pub fn of_image(workload_sha256: &str) -> Self {
-        Self::with([(WORKLOAD, workload_sha256.to_owned())])
+        Self::with([(WORKLOAD, workload_sha256.to_owned()), (IMAGE_OWNER, owner())])
     }
 
     fn with<const N: usize>(pairs: [(&str, String); N]) -> Self {
-        let owner = [(OWNER, owner())];
         Self(
             pairs
                 .into_iter()
-                .chain(owner)
                 .map(|(name, value)| (name.to_owned(), value))
                 .collect(),
         )
@@ -57,10 +60,16 @@ impl Labels {
         self.0.clone()
     }
 
-    /// Whether this user on this machine made what carries them.
+    /// Whether this user on this machine made the container or volume that carries them.
     #[must_use]
     pub fn are_ours(&self) -> bool {
         self.0.get(OWNER).is_some_and(|known| *known == owner())
+    }
+
+    /// Whether this user on this machine made the image that carries them.
+    #[must_use]
+    pub fn are_of_our_image(&self) -> bool {
+        self.0.get(IMAGE_OWNER).is_some_and(|known| *known == owner())
     }
 
     /// Whether they are those of this environment.
@@ -94,10 +103,16 @@ impl Labels {
     }
 }
 
-/// What makes an engine list only what is ours.
+/// What makes an engine list only containers and volumes that are ours.
 #[must_use]
 pub fn only_ours() -> HashMap<String, Vec<String>> {
     HashMap::from([("label".to_owned(), vec![format!("{OWNER}={}", owner())])])
+}
+
+/// What makes an engine list only images that are ours, or were made from ours.
+#[must_use]
+pub fn only_our_images() -> HashMap<String, Vec<String>> {
+    HashMap::from([("label".to_owned(), vec![format!("{IMAGE_OWNER}={}", owner())])])
 }
 
 /// Who we are: an engine may be shared by users, and by machines.
@@ -117,10 +132,11 @@ mod tests {
     #[test]
     fn what_another_made_is_not_ours() {
         let ours = Labels::of_image("abc");
-        assert!(ours.are_ours());
+        assert!(ours.are_of_our_image());
+        assert!(!ours.are_ours(), "a container of our image, made by another");
         let mut others = ours.write();
-        others.insert(OWNER.to_owned(), "1@elsewhere".to_owned());
-        assert!(!Labels::read(Some(others)).are_ours());
+        others.insert(IMAGE_OWNER.to_owned(), "1@elsewhere".to_owned());
+        assert!(!Labels::read(Some(others)).are_of_our_image());
         assert!(!Labels::read(None).are_ours());
     }
 }

@@ -1,0 +1,276 @@
+//! What can happen to containers, on a real engine. Without one these tests fail.
+
+#![allow(clippy::unwrap_used, clippy::panic)] // What tests may, but clippy knows only functions that are tests themselves.
+
+mod provided;
+
+use std::collections::HashMap;
+
+use bollard::{
+    Docker as Api,
+    models::{ContainerConfig, ContainerCreateBody, VolumeCreateRequest},
+    query_parameters::{
+        CommitContainerOptionsBuilder, CreateContainerOptionsBuilder, RemoveContainerOptionsBuilder,
+        RemoveImageOptions, RemoveVolumeOptions,
+    },
+};
+use orchestrator::provider::{Availability, Leftover, ProviderError, docker::DockerSettings};
+use provided::{HOST, Platform, left_of, lines_of, request, until};
+use reports::run_directory::Resource;
+use workload::{
+    quantity::Bytes,
+    record::{progress::Progress, window::WindowRecord},
+};
+
+async fn engine() -> Api {
+    Api::connect_with_defaults()
+        .unwrap()
+        .negotiate_version()
+        .await
+        .unwrap()
+}
+
+fn first_window_is_whole(line: &Progress) -> bool {
+    matches!(line, Progress::WindowComplete { window: 1, .. })
+}
+
+#[tokio::test]
+async fn a_container_that_is_killed_in_a_window_keeps_the_windows_before() {
+    let provider = Platform::docker().provider();
+    let request = request("killed", 2);
+    let mut environment = provider.create(&request).await.unwrap();
+    until(environment.as_mut(), first_window_is_whole).await;
+    engine()
+        .await
+        .kill_container(&request.environment, None)
+        .await
+        .unwrap();
+
+    let said = lines_of(environment.as_mut()).await;
+    assert!(!said.contains(&Progress::Finished));
+    let ended = environment.ended().await.unwrap();
+    assert!(!ended.success);
+    assert!(ended.how.starts_with("killed by signal 9"), "{}", ended.how);
+
+    let into = tempfile::tempdir().unwrap();
+    environment.collect(into.path()).await.unwrap();
+    let record = std::fs::read(into.path().join("window-1/window.json")).unwrap();
+    assert!(serde_json::from_slice::<WindowRecord>(&record).unwrap().complete);
+    assert!(!into.path().join("window-2/window.json").exists());
+    environment.discard().await.unwrap();
+}
+
+#[tokio::test]
+async fn a_volume_whose_container_is_gone_is_still_collected() {
+    let provider = Platform::docker().provider();
+    let request = request("gone", 2);
+    let mut environment = provider.create(&request).await.unwrap();
+    until(environment.as_mut(), first_window_is_whole).await;
+    drop(environment);
+    let force = RemoveContainerOptionsBuilder::default().force(true).build();
+    engine()
+        .await
+        .remove_container(&request.environment, Some(force))
+        .await
+        .unwrap();
+
+    let mut found = provider.find(&request).await.unwrap().unwrap();
+    assert!(!found.running());
+    let said = lines_of(found.as_mut()).await;
+    assert!(matches!(said.first(), Some(Progress::Started { .. })), "{said:?}");
+    assert!(said.iter().any(first_window_is_whole), "{said:?}");
+    assert!(!found.ended().await.unwrap().success);
+    found.stop().await.unwrap();
+    let into = tempfile::tempdir().unwrap();
+    found.collect(into.path()).await.unwrap();
+    assert!(into.path().join("window-1/window.json").exists());
+    found.discard().await.unwrap();
+    assert_eq!(
+        left_of(provider.as_ref(), &request.environment).await,
+        Vec::<String>::new()
+    );
+}
+
+#[tokio::test]
+async fn what_others_have_on_the_engine_is_neither_listed_nor_removed() {
+    let api = engine().await;
+    let provider = Platform::docker().provider();
+    let request = request("foreign", 2);
+    let mut environment = provider.create(&request).await.unwrap();
+    let image = environment.facts()["image_id"].as_str().unwrap().to_owned();
+    until(environment.as_mut(), first_window_is_whole).await;
+
+    // One of another user's matrix, and one of somebody who likes our names.
+    let name = |what: &str| format!("{}-{what}", request.environment);
+    let labels = HashMap::from([
+        ("matrix.owner".to_owned(), "4711@elsewhere".to_owned()),
+        ("matrix.environment".to_owned(), name("theirs")),
+    ]);
+    let body = |labels| ContainerCreateBody {
+        image: Some(image.clone()),
+        labels,
+        ..ContainerCreateBody::default()
+    };
+    let named = |name: &str| Some(CreateContainerOptionsBuilder::default().name(name).build());
+    for (what, labels) in [("theirs", Some(labels)), ("plain", None)] {
+        let container = named(&name(what));
+        api.create_container(container, body(labels.clone()))
+            .await
+            .unwrap();
+        let volume = VolumeCreateRequest {
+            name: Some(name(what)),
+            labels,
+            ..VolumeCreateRequest::default()
+        };
+        api.create_volume(volume).await.unwrap();
+    }
+
+    environment.discard().await.unwrap();
+    assert_eq!(
+        left_of(provider.as_ref(), &request.environment).await,
+        Vec::<String>::new()
+    );
+    for (what, kind) in [
+        ("theirs", "container"),
+        ("plain", "container"),
+        ("theirs", "volume"),
+        ("plain", "volume"),
+    ] {
+        // Even asked by name.
+        let resource = Resource {
+            host: HOST.to_owned(),
+            kind: kind.to_owned(),
+            name: name(what),
+        };
+        let leftover = Leftover {
+            resource,
+            run: None,
+            run_directory: None,
+            scenario: None,
+            running: false,
+        };
+        provider.remove(&leftover).await.unwrap();
+    }
+    for what in ["theirs", "plain"] {
+        api.inspect_container(&name(what), None).await.unwrap();
+        api.inspect_volume(&name(what)).await.unwrap();
+        api.remove_container(&name(what), None).await.unwrap();
+        api.remove_volume(&name(what), None::<RemoveVolumeOptions>)
+            .await
+            .unwrap();
+    }
+}
+
+#[tokio::test]
+async fn the_workload_runs_in_an_image_that_the_user_names_and_leaves_it_alone() {
+    let api = engine().await;
+    let plain = Platform::docker().provider();
+    let of_ours = request("base", 2);
+    let environment = plain.create(&of_ours).await.unwrap();
+    // An image that nobody else has.
+    let base = of_ours.environment.clone();
+    let commit = CommitContainerOptionsBuilder::default()
+        .container(&base)
+        .repo(&base)
+        .tag("1")
+        .build();
+    let labels = HashMap::from([("matrix.owner".to_owned(), "4711@elsewhere".to_owned())]);
+    let config = ContainerConfig {
+        labels: Some(labels),
+        ..ContainerConfig::default()
+    };
+    api.commit_container(commit, config).await.unwrap();
+    environment.discard().await.unwrap();
+
+    let settings = DockerSettings {
+        image: Some(format!("{base}:1")),
+        ..DockerSettings::default()
+    };
+    let provider = Platform::docker_with(settings).provider();
+    assert!(matches!(provider.survey().await, Availability::Available { .. }));
+    let request = request("upon", 2);
+    let mut environment = provider.create(&request).await.unwrap();
+    let facts = environment.facts();
+    assert_eq!(facts["image_base"]["name"], format!("{base}:1"));
+    let said = lines_of(environment.as_mut()).await;
+    assert_eq!(
+        said.last(),
+        Some(&Progress::Finished),
+        "{:?}",
+        environment.ended().await
+    );
+
+    // The image that was built upon it is ours, and used; then it is only ours.
+    let ours = provider.leftovers().await.unwrap();
+    let image = ours
+        .iter()
+        .find(|leftover| facts["image"] == leftover.resource.name)
+        .unwrap();
+    assert_eq!((image.resource.kind.as_str(), &image.run), ("image", &None));
+    let in_use = provider.remove(image).await.unwrap_err();
+    assert!(matches!(in_use, ProviderError::Refused { .. }), "{in_use}");
+    environment.discard().await.unwrap();
+    provider.remove(image).await.unwrap();
+    provider.remove(image).await.unwrap();
+    assert!(!provider.leftovers().await.unwrap().contains(image));
+
+    api.inspect_image(&format!("{base}:1")).await.unwrap();
+    api.remove_image(&format!("{base}:1"), None::<RemoveImageOptions>, None)
+        .await
+        .unwrap();
+}
+
+#[tokio::test]
+async fn an_image_that_the_engine_does_not_have_makes_the_scenario_infeasible() {
+    let settings = DockerSettings {
+        image: Some("matrix-test/nobody-has-this:1".to_owned()),
+        ..DockerSettings::default()
+    };
+    let provider = Platform::docker_with(settings).provider();
+    let Availability::Unavailable { reason, fix } = provider.survey().await else {
+        panic!("available");
+    };
+    assert!(reason.contains("matrix-test/nobody-has-this:1"), "{reason}");
+    assert!(fix.unwrap().contains("docker pull matrix-test/nobody-has-this:1"));
+    let error = provider
+        .create(&request("missing", 2))
+        .await
+        .map(|_| ())
+        .unwrap_err();
+    assert!(matches!(error, ProviderError::Unsupported { .. }), "{error}");
+}
+
+#[tokio::test]
+async fn a_workload_that_uses_up_its_memory_is_said_to_have() {
+    let settings = DockerSettings {
+        memory: Some(Bytes::new(6 << 20)),
+        ..DockerSettings::default()
+    };
+    let provider = Platform::docker_with(settings).provider();
+    let mut environment = provider.create(&request("memory", 2)).await.unwrap();
+    let ended = environment.ended().await.unwrap();
+    environment.discard().await.unwrap();
+    assert!(!ended.success);
+    assert!(ended.how.contains("memory"), "{}", ended.how);
+}
+
+#[tokio::test]
+async fn limits_that_the_engine_refuses_are_explained() {
+    let settings = DockerSettings {
+        cpus: Some(1e6),
+        ..DockerSettings::default()
+    };
+    let provider = Platform::docker_with(settings).provider();
+    let error = provider
+        .create(&request("limits", 2))
+        .await
+        .map(|_| ())
+        .unwrap_err();
+    assert!(matches!(error, ProviderError::Refused { .. }), "{error}");
+    assert!(
+        error
+            .hint()
+            .is_some_and(|hint| hint.contains("providers.docker.cpus")),
+        "{error}"
+    );
+}

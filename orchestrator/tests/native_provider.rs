@@ -1,0 +1,61 @@
+//! What can happen to a process of this machine.
+
+#![allow(clippy::unwrap_used, clippy::panic)] // What tests may, but clippy knows only functions that are tests themselves.
+
+mod provided;
+
+use provided::{Platform, lines_of, request, until};
+use rustix::process::{Pid, Signal, kill_process};
+use workload::record::progress::Progress;
+
+#[tokio::test]
+async fn a_process_that_is_killed_in_a_window_keeps_the_windows_before() {
+    let provider = Platform::native().provider();
+    let request = request("killed", 2);
+    let mut environment = provider.create(&request).await.unwrap();
+    let Some(Progress::Started { pid }) = environment.next_progress().await.unwrap() else {
+        panic!("it did not start");
+    };
+    until(environment.as_mut(), |line| {
+        matches!(line, Progress::WindowComplete { window: 1, .. })
+    })
+    .await;
+    // Found by another, to whom the process is no child.
+    let mut found = provider.find(&request).await.unwrap().unwrap();
+    assert!(found.running());
+    kill_process(Pid::from_raw(pid.try_into().unwrap()).unwrap(), Signal::KILL).unwrap();
+
+    lines_of(found.as_mut()).await;
+    let unseen = found.ended().await.unwrap();
+    assert_eq!(
+        (unseen.success, unseen.how.contains("without saying how")),
+        (false, true),
+        "{}",
+        unseen.how
+    );
+    lines_of(environment.as_mut()).await;
+    let ended = environment.ended().await.unwrap();
+    assert_eq!(
+        (ended.success, ended.how.as_str()),
+        (false, "killed by signal 9 (SIGKILL)")
+    );
+
+    let into = tempfile::tempdir().unwrap();
+    environment.collect(into.path()).await.unwrap();
+    assert!(into.path().join("window-1/window.json").exists());
+    assert!(!into.path().join("window-2/window.json").exists());
+    environment.discard().await.unwrap();
+}
+
+#[tokio::test]
+async fn settings_that_the_workload_refuses_are_told_in_its_words() {
+    let provider = Platform::native().provider();
+    let mut request = request("wrong", 2);
+    request.settings.windows = 0;
+    let mut environment = provider.create(&request).await.unwrap();
+    let said = lines_of(environment.as_mut()).await;
+    assert!(matches!(said.last(), Some(Progress::Failed { .. })), "{said:?}");
+    let ended = environment.ended().await.unwrap();
+    assert!(ended.how.starts_with("exit code 2"), "{}", ended.how);
+    environment.discard().await.unwrap();
+}
