@@ -3,11 +3,12 @@
 //! The tests are in `tests/`, this is what they share. The main type is [`Workplace`].
 
 use std::{
+    fs::File,
     ffi::OsStr,
     io::{BufRead, BufReader},
     path::{Path, PathBuf},
     process::{Child, Command, Output, Stdio},
-    sync::OnceLock,
+    sync::{Arc, OnceLock},
 };
 
 use nix::{
@@ -52,8 +53,13 @@ impl SameProfile for escargot::CargoBuild {
 /// A folder to work in, with a state folder and, unless it measures for real, a lease of its own.
 pub struct Workplace {
     folder: TempDir,
-    measures: bool,
+    turn: Option<Turn>,
 }
+
+/// A test that measures has the machine and its engine for itself: `matrix clean` of one would remove what another
+/// one killed on purpose.
+#[derive(Clone)]
+struct Turn(#[allow(dead_code, reason = "held, not used")] Arc<File>);
 
 /// What a command printed and how it ended.
 #[derive(Debug)]
@@ -77,13 +83,18 @@ impl Workplace {
         }
     }
 
-    /// For tests that measure: they take turns by the machine's own lease, as users do.
+    /// For tests that measure: they take turns.
     #[must_use]
     pub fn measuring() -> Self {
-        Self {
-            measures: true,
-            ..Self::new()
-        }
+        let file = File::create(std::env::temp_dir().join("matrix-tests.turn")).expect("a file to take turns by");
+        file.lock().expect("turns can be taken");
+        Self { turn: Some(Turn(Arc::new(file))), ..Self::new() }
+    }
+
+    /// Another folder for the same test, which has its turn already.
+    #[must_use]
+    pub fn beside(&self) -> Self {
+        Self { turn: self.turn.clone(), ..Self::new() }
     }
 
     /// The folder.
@@ -106,7 +117,7 @@ impl Workplace {
             .stdin(Stdio::null());
         command.env("MATRIX_STATE_DIR", self.path().join("state"));
         command.env_remove("RUST_BACKTRACE");
-        if !self.measures {
+        if self.turn.is_none() {
             command.env("MATRIX_LEASE", self.path().join("lease"));
         }
         command

@@ -129,7 +129,7 @@ fn a_log_that_was_tampered_with_is_named_and_not_counted(#[case] tail: &str) {
 }
 
 #[rstest]
-#[case::text("1\nzwei\n", &["x:2", "zwei"])]
+#[case::text("1\nzwei\n", &["x: line 2", "zwei"])]
 #[case::nothing("", &["x"])]
 #[case::infinite("1\ninf\n", &["x", "inf"])]
 #[case::not_a_number("1\nNaN\n", &["x", "NaN"])]

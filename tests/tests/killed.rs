@@ -107,7 +107,7 @@ fn ctrl_c_keeps_complete_windows_says_how_to_go_on_and_leaves_nothing_behind() {
         .as_array()
         .unwrap()
         .iter()
-        .filter(|leftover| !leftover["run"].is_null())
+        .filter(|leftover| leftover["run_directory"].as_str() == workplace.run_directory().to_str())
         .collect();
     assert!(environments.is_empty(), "{environments:#?}");
     let directory = workplace.run_directory();

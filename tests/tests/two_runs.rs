@@ -5,7 +5,7 @@ use tests::Workplace;
 #[test]
 fn the_second_run_says_who_holds_the_machine_and_waits_for_it() {
     let first = Workplace::measuring();
-    let second = Workplace::measuring();
+    let second = first.beside();
     for workplace in [&first, &second] {
         workplace.write(
             "m.yaml",
