@@ -3,8 +3,8 @@
 //! The tests are in `tests/`, this is what they share. The main type is [`Workplace`].
 
 use std::{
-    fs::File,
     ffi::OsStr,
+    fs::File,
     io::{BufRead, BufReader},
     path::{Path, PathBuf},
     process::{Child, Command, Output, Stdio},
@@ -79,22 +79,29 @@ impl Workplace {
     pub fn new() -> Self {
         Self {
             folder: TempDir::with_prefix("matrix-test-").expect("a folder to work in"),
-            measures: false,
+            turn: None,
         }
     }
 
     /// For tests that measure: they take turns.
     #[must_use]
     pub fn measuring() -> Self {
-        let file = File::create(std::env::temp_dir().join("matrix-tests.turn")).expect("a file to take turns by");
+        let file =
+            File::create(std::env::temp_dir().join("matrix-tests.turn")).expect("a file to take turns by");
         file.lock().expect("turns can be taken");
-        Self { turn: Some(Turn(Arc::new(file))), ..Self::new() }
+        Self {
+            turn: Some(Turn(Arc::new(file))),
+            ..Self::new()
+        }
     }
 
     /// Another folder for the same test, which has its turn already.
     #[must_use]
     pub fn beside(&self) -> Self {
-        Self { turn: self.turn.clone(), ..Self::new() }
+        Self {
+            turn: self.turn.clone(),
+            ..Self::new()
+        }
     }
 
     /// The folder.

@@ -42,7 +42,10 @@ fn a_run_killed_after_any_line_is_whole_after_resume() {
         if !workplace.run_directory().join("manifest.json").exists() {
             // Killed while the run directory was made: nothing was created, and the user is told to start again.
             assert_eq!(resumed.code, Some(2), "{resumed:?}");
-            assert_eq!(workplace.json(&["clean", "--dry-run"])["leftovers"], serde_json::json!([]));
+            assert_eq!(
+                workplace.json(&["clean", "--dry-run"])["leftovers"],
+                serde_json::json!([])
+            );
             continue;
         }
         assert_eq!(

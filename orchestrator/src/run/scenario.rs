@@ -123,7 +123,9 @@ impl Run<'_> {
         let provider = (self.choose)(planned)?;
         if let Some(open) = self.events.state().scenario(&planned.slug).open {
             let request = self.request(planned, open.environment, open.windows);
-            if let Some(ending) = self.take_up(provider.as_ref(), &request).await?
+            if open.discarding {
+                self.remove_remains(provider.as_ref(), &request).await?;
+            } else if let Some(ending) = self.take_up(provider.as_ref(), &request).await?
                 && (ending.outcome == Outcome::Failed || self.stop.is_requested())
             {
                 return Ok(ending);

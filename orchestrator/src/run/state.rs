@@ -38,6 +38,8 @@ pub struct OpenEnvironment {
     pub environment: String,
     /// The windows it is to measure.
     pub windows: Vec<u32>,
+    /// Whether its data had been collected and its removal had begun: there is nothing more in it to go on with.
+    pub discarding: bool,
 }
 
 impl RunState {
@@ -170,6 +172,16 @@ mod tests {
         let state = RunState::replay(&journal(vec![creating("e-1", vec![1, 2])]));
         let open = state.scenario("s").open.unwrap();
         assert_eq!((open.environment.as_str(), open.windows), ("e-1", vec![1, 2]));
+    }
+
+    #[test]
+    fn an_environment_whose_removal_began_has_nothing_more_to_go_on_with() {
+        let discarding = Event::EnvironmentDiscarding {
+            scenario: "s".into(),
+            environment: "e-1".into(),
+        };
+        let state = RunState::replay(&journal(vec![creating("e-1", vec![1]), discarding]));
+        assert!(state.scenario("s").open.unwrap().discarding);
     }
 
     #[test]
