@@ -65,9 +65,15 @@ impl RunState {
             Event::RunStarted { .. } => self.finished = false,
             Event::RunFinished => self.finished = true,
             Event::RunInterrupted | Event::HostBusy { .. } | Event::EnvironmentCreated { .. } => {}
-            Event::EnvironmentFound { .. }
-            | Event::EnvironmentDiscarding { .. }
-            | Event::WindowBroken { .. } => {}
+            Event::EnvironmentFound { .. } | Event::WindowBroken { .. } => {}
+            Event::EnvironmentDiscarding {
+                scenario,
+                environment,
+            } => {
+                if let Some(open) = &mut self.entry(scenario).open {
+                    open.discarding |= open.environment == *environment;
+                }
+            }
             Event::ScenarioStarted { scenario, .. } => {
                 let state = self.entry(scenario);
                 state.outcome = None;
@@ -84,6 +90,7 @@ impl RunState {
                 state.open = Some(OpenEnvironment {
                     environment: environment.clone(),
                     windows: windows.clone(),
+                    discarding: false,
                 });
             }
             Event::Workload { scenario, progress } => {
