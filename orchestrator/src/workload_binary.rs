@@ -8,7 +8,7 @@ use std::{
     os::unix::fs::OpenOptionsExt as _,
     path::{Path, PathBuf},
     process,
-    sync::OnceLock,
+    sync::{OnceLock, PoisonError, RwLock},
 };
 
 use sha2::{Digest as _, Sha256};
@@ -33,6 +33,18 @@ pub fn bytes() -> &'static [u8] {
 pub fn sha256() -> &'static str {
     static SHA256: OnceLock<String> = OnceLock::new();
     SHA256.get_or_init(|| hexadecimal(bytes()))
+}
+
+/// Held for writing while the binary's file is open for writing.
+static WRITING: RwLock<()> = RwLock::new(());
+
+/// Starts a process, whichever, by calling `spawn`, at a moment when the binary is not being written.
+///
+/// A child has its parent's open files from its fork to its exec. If the binary's were among them, the kernel would
+/// refuse to run the binary (ETXTBSY) until that exec, though its writing was done long since.
+pub fn start<T>(spawn: impl FnOnce() -> T) -> T {
+    let _not_writing = WRITING.read().unwrap_or_else(PoisonError::into_inner);
+    spawn()
 }
 
 /// The file on this machine to start, written if it is not there yet. Its name has its hash, so that a newer `matrix`
@@ -69,6 +81,7 @@ pub struct InstallError {
 }
 
 fn write_executable(path: &Path) -> io::Result<()> {
+    let _writing = WRITING.write().unwrap_or_else(PoisonError::into_inner);
     match fs::remove_file(path) {
         Err(error) if error.kind() != io::ErrorKind::NotFound => return Err(error),
         _ => {}
@@ -114,6 +127,24 @@ mod tests {
         assert_eq!(installed(&state).unwrap(), path);
         assert_eq!(fs::metadata(&path).unwrap().modified().unwrap(), written);
         assert_eq!(fs::read_dir(state.binaries()).unwrap().count(), 1);
+    }
+
+    #[test]
+    fn a_binary_can_be_started_while_others_are_written() {
+        std::thread::scope(|scope| {
+            for _ in 0..8 {
+                scope.spawn(|| {
+                    for _ in 0..20 {
+                        let state = tempfile::tempdir().unwrap();
+                        let path = installed(&StateDirectory::new(state.path())).unwrap();
+                        let mut command = process::Command::new(path);
+                        command.arg("--version").stdout(process::Stdio::null());
+                        let status = start(|| command.spawn()).unwrap().wait().unwrap();
+                        assert!(status.success());
+                    }
+                });
+            }
+        });
     }
 
     #[test]

@@ -68,7 +68,7 @@ impl Native {
             .stdin(Stdio::null())
             .stdout(create(directory.lines())?)
             .stderr(create(directory.errors())?);
-        detached::spawn(&mut command)
+        workload_binary::start(|| detached::spawn(&mut command))
             .and_then(WorkloadProcess::started)
             .map_err(|error| refused("starting the workload", error))
     }

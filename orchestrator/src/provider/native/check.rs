@@ -19,14 +19,17 @@ const ACTION: &str = "asking the workload whether it can run";
 /// When the binary cannot be put in the state directory or started, or does not answer in time and as agreed.
 pub async fn check(state: &StateDirectory) -> Result<CheckRecord, ProviderError> {
     let binary = workload_binary::installed(state)?;
-    let answer = Command::new(binary)
+    let mut command = Command::new(binary);
+    command
         .arg("check")
         .env_clear()
         .current_dir("/")
         .stdin(Stdio::null())
-        .kill_on_drop(true)
-        .output();
-    let output = tokio::time::timeout(PATIENCE, answer)
+        .stdout(Stdio::piped())
+        .stderr(Stdio::null())
+        .kill_on_drop(true);
+    let child = workload_binary::start(|| command.spawn()).map_err(|error| refused(ACTION, error))?;
+    let output = tokio::time::timeout(PATIENCE, child.wait_with_output())
         .await
         .map_err(|_| ProviderError::TimedOut {
             action: ACTION.to_owned(),
