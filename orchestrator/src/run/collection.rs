@@ -59,12 +59,16 @@ pub fn sort_windows(
             continue;
         }
         let place = run.window(slug, window);
-        let verified = verify(&folder).and_then(|verdict| {
-            if place.exists() {
-                Err("the run directory has this window already".to_owned())
-            } else {
-                Ok(verdict)
-            }
+        // A crash between the move and its line in the journal: the window has its place, this is a second copy.
+        if same_window(&folder, &place)
+            && let Ok(verdict) = verify(&place)
+        {
+            sorted.push(Sorted::Whole { window, verdict });
+            continue;
+        }
+        let verified = verify(&folder).and_then(|verdict| match place.exists() {
+            true => Err("the run directory has another window of this number".to_owned()),
+            false => Ok(verdict),
         });
         match verified {
             Ok(verdict) => {
@@ -73,12 +77,21 @@ pub fn sort_windows(
             }
             Err(reason) => {
                 let aside = run.broken(slug, environment).join(format!("window-{window}"));
-                move_folder(&folder, &aside)?;
+                // What an earlier try put aside is a copy of the same.
+                if !aside.exists() {
+                    move_folder(&folder, &aside)?;
+                }
                 sorted.push(Sorted::Broken { window, reason });
             }
         }
     }
     Ok(sorted)
+}
+
+/// Whether two folders hold one and the same window: its record has the checksums of all that is beside it.
+fn same_window(one: &Path, other: &Path) -> bool {
+    let record = |folder: &Path| fs::read(folder.join("window.json"));
+    matches!((record(one), record(other)), (Ok(one), Ok(other)) if one == other)
 }
 
 /// What a window's folder is worth, or why it is broken.
@@ -150,4 +163,35 @@ fn move_folder(from: &Path, to: &Path) -> Result<(), CollectionError> {
             .map_err(|error| fail("cannot sync", parent, error))?;
     }
     Ok(())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// A folder with a window that cannot be read, and the run directory that it is to go to.
+    fn cut_window() -> (tempfile::TempDir, RunDirectory, PathBuf) {
+        let folder = tempfile::tempdir().unwrap();
+        let run = RunDirectory::new(folder.path().join("run"));
+        let from = folder.path().join("from");
+        fs::create_dir_all(from.join("window-1")).unwrap();
+        fs::write(from.join("window-1/control.csv"), "step\n").unwrap();
+        (folder, run, from)
+    }
+
+    #[test]
+    fn a_window_without_its_record_is_kept_aside_and_its_place_stays_free() {
+        let (_folder, run, from) = cut_window();
+        let sorted = sort_windows(&run, "s", "e-1", &[1, 2], &from).unwrap();
+        assert!(matches!(&sorted[..], [Sorted::Broken { window: 1, reason }] if reason.contains("cut")));
+        assert!(!run.window("s", 1).exists());
+        assert!(run.broken("s", "e-1").join("window-1/control.csv").exists());
+    }
+
+    #[test]
+    fn what_was_put_aside_already_is_not_moved_again() {
+        let (_folder, run, from) = cut_window();
+        fs::create_dir_all(run.broken("s", "e-1").join("window-1")).unwrap();
+        assert_eq!(sort_windows(&run, "s", "e-1", &[1], &from).unwrap().len(), 1);
+    }
 }
