@@ -4,7 +4,7 @@
 
 mod provided;
 
-use std::collections::HashMap;
+use std::{collections::HashMap, path::Path};
 
 use bollard::{
     Docker as Api,
@@ -14,9 +14,17 @@ use bollard::{
         RemoveImageOptions, RemoveVolumeOptions,
     },
 };
-use orchestrator::provider::{Availability, Leftover, ProviderError, docker::DockerSettings};
+use orchestrator::provider::{
+    Availability, Leftover, Provider, ProviderError,
+    docker::{Docker, DockerSettings},
+};
 use provided::{HOST, Platform, left_of, lines_of, request, until};
 use reports::run_directory::Resource;
+use tokio::{
+    io::copy_bidirectional,
+    net::{UnixListener, UnixStream},
+    task::JoinSet,
+};
 use workload::{
     quantity::Bytes,
     record::{progress::Progress, window::WindowRecord},
@@ -58,6 +66,82 @@ async fn a_container_that_is_killed_in_a_window_keeps_the_windows_before() {
     assert!(serde_json::from_slice::<WindowRecord>(&record).unwrap().complete);
     assert!(!into.path().join("window-2/window.json").exists());
     environment.discard().await.unwrap();
+}
+
+/// Passes connections on to the engine until it is dropped, and with it all that it passes on.
+struct Doorway(tokio::task::JoinHandle<()>);
+
+impl Doorway {
+    fn open(socket: &Path) -> Self {
+        let listener = UnixListener::bind(socket).unwrap();
+        Self(tokio::spawn(async move {
+            let mut passing = JoinSet::new();
+            while let Ok((mut ours, _)) = listener.accept().await {
+                passing.spawn(async move {
+                    let mut engines = UnixStream::connect("/var/run/docker.sock").await.unwrap();
+                    let _ = copy_bidirectional(&mut ours, &mut engines).await;
+                });
+            }
+        }))
+    }
+
+    /// As when the engine ends.
+    async fn close(self, socket: &Path) {
+        self.0.abort();
+        let _ = self.0.await;
+        std::fs::remove_file(socket).unwrap();
+    }
+}
+
+#[tokio::test]
+async fn an_engine_that_goes_away_in_a_window_is_a_lost_connection_and_what_it_runs_is_found_again() {
+    let folder = tempfile::tempdir().unwrap();
+    let socket = folder.path().join("docker.sock");
+    let address = format!("unix://{}", socket.display());
+    let doorway = Doorway::open(&socket);
+    let provider = Docker::at(&address, HOST, DockerSettings::default());
+    let request = request("away", 2);
+    let mut environment = provider.create(&request).await.unwrap();
+    until(environment.as_mut(), |line| {
+        matches!(line, Progress::Measuring { .. })
+    })
+    .await;
+
+    doorway.close(&socket).await;
+    let lost = loop {
+        match environment.next_progress().await {
+            Ok(Some(_)) => {}
+            Ok(None) => panic!("taken for the workload's end"),
+            Err(error) => break error,
+        }
+    };
+    assert!(matches!(lost, ProviderError::Disconnected { .. }), "{lost}");
+    assert!(
+        environment.next_progress().await.is_err(),
+        "nor is it the end afterwards"
+    );
+    let away = provider.find(&request).await.map(|_| ()).unwrap_err();
+    assert!(matches!(away, ProviderError::Disconnected { .. }), "{away}");
+
+    let doorway = Doorway::open(&socket);
+    let mut found = provider.find(&request).await.unwrap().unwrap();
+    let said = lines_of(found.as_mut()).await;
+    assert!(matches!(said.first(), Some(Progress::Started { .. })), "{said:?}");
+    assert_eq!(said.last(), Some(&Progress::Finished));
+    found.discard().await.unwrap();
+    doorway.close(&socket).await;
+}
+
+#[tokio::test]
+async fn an_engine_that_is_not_there_is_unreachable_with_a_fix() {
+    let provider = Docker::at("unix:///nowhere/docker.sock", HOST, DockerSettings::default());
+    let Availability::Unavailable { reason, fix } = provider.survey().await else {
+        panic!("available");
+    };
+    assert!(reason.contains("/nowhere/docker.sock"), "{reason}");
+    assert!(fix.unwrap().contains("apt-get install docker.io"));
+    let error = provider.leftovers().await.unwrap_err();
+    assert!(matches!(error, ProviderError::Unreachable { .. }), "{error}");
 }
 
 #[tokio::test]

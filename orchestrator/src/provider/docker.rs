@@ -50,24 +50,34 @@ const IMAGE: &str = "image";
 #[derive(Debug)]
 pub struct Docker {
     host: String,
+    address: String,
     settings: DockerSettings,
     /// Connected to when it is needed first.
     engine: OnceCell<Engine>,
 }
 
 impl Docker {
-    /// On the host of that name in the matrix file.
+    /// On the host of that name in the matrix file, whose engine is found as `docker` would find it.
     #[must_use]
     pub fn new(host: &str, settings: DockerSettings) -> Self {
+        Self::at(&engine::usual_address(), host, settings)
+    }
+
+    /// On the engine at an address such as `unix:///var/run/docker.sock`.
+    #[must_use]
+    pub fn at(address: &str, host: &str, settings: DockerSettings) -> Self {
         Self {
             host: host.to_owned(),
+            address: address.to_owned(),
             settings,
             engine: OnceCell::new(),
         }
     }
 
     async fn engine(&self) -> Result<&Engine, ProviderError> {
-        self.engine.get_or_try_init(Engine::connect).await
+        self.engine
+            .get_or_try_init(|| Engine::connect(&self.address))
+            .await
     }
 
     fn resource(&self, kind: &str, name: &str) -> Resource {

@@ -38,14 +38,13 @@ pub struct Engine {
 }
 
 impl Engine {
-    /// Connects to the engine that `DOCKER_HOST` names, else to this machine's, else to this user's own.
+    /// Connects to the engine at an address such as `unix:///var/run/docker.sock`.
     ///
     /// # Errors
     /// When none answers.
-    pub async fn connect() -> Result<Self, ProviderError> {
-        let address = address();
-        let unreachable = |error| unreachable(&address, error);
-        let api = Api::connect_with_host(&address)
+    pub async fn connect(address: &str) -> Result<Self, ProviderError> {
+        let unreachable = |error| unreachable(address, error);
+        let api = Api::connect_with_host(address)
             .map_err(unreachable)?
             .negotiate_version()
             .await
@@ -119,8 +118,10 @@ fn parse_api(version: &str) -> Option<(u32, u32)> {
     Some((major.parse().ok()?, minor.parse().ok()?))
 }
 
-/// As `docker` finds its engine, and a rootless engine besides, which `docker` finds by its context.
-fn address() -> String {
+/// The engine that `DOCKER_HOST` names, else this machine's, else this user's own: as `docker` finds its engine, and a
+/// rootless engine besides, which `docker` finds by its context.
+#[must_use]
+pub fn usual_address() -> String {
     if let Some(host) = env::var("DOCKER_HOST").ok().filter(|host| !host.is_empty()) {
         return host;
     }
@@ -138,7 +139,11 @@ fn unreachable(address: &str, error: Error) -> ProviderError {
     ProviderError::Unreachable {
         platform: format!("a Docker Engine at {address}"),
         hint: Some(how_to_reach(address, &error)),
-        source: error.into(),
+        // The operating system's words say more than those of the layers above it.
+        source: match io_error(&error) {
+            Some(kind) => io::Error::from(kind).into(),
+            None => error.into(),
+        },
     }
 }
 
