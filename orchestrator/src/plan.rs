@@ -72,7 +72,7 @@ pub fn plan(
     if let Some(attainable) = attainable {
         check_attainable(file, attainable, &mut found);
     }
-    let running = |scenario: &&PlannedScenario| scenario.feasible && scenario.not_selected.is_none();
+    let running = |scenario: &&PlannedScenario| scenario.runs();
     let order = scenarios
         .iter()
         .filter(running)

@@ -85,7 +85,7 @@ impl Run<'_> {
             .order
             .iter()
             .filter_map(|id| plan.scenarios.iter().find(|planned| planned.id == *id));
-        for planned in ordered.filter(|planned| planned.feasible) {
+        for planned in ordered.filter(|planned| planned.runs()) {
             if self.events.state().scenario(&planned.slug).is_settled() {
                 continue;
             }

@@ -3,12 +3,6 @@
 //! Side by side, in turn, in one run: `cargo bench -p tests --bench docker_start`. Prints the medians and their ratio;
 //! it is not a test and has no bound.
 
-#![allow(
-    clippy::expect_used,
-    clippy::print_stdout,
-    reason = "a benchmark prints, and stops at the first surprise"
-)]
-
 use std::{
     io::{BufRead, BufReader},
     process::{Command, Stdio},

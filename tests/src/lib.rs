@@ -19,7 +19,6 @@ use serde_json::Value;
 use tempfile::TempDir;
 
 /// Where the `matrix` binary is; built first if need be, by the same cargo that runs the tests.
-#[allow(clippy::expect_used, reason = "a test without the binary it tests has failed")]
 pub fn matrix_binary() -> &'static Path {
     static BINARY: OnceLock<PathBuf> = OnceLock::new();
     BINARY.get_or_init(|| {
@@ -72,7 +71,6 @@ pub struct Ran {
     pub err: String,
 }
 
-#[allow(clippy::expect_used, clippy::panic, reason = "these are the tests' own means")]
 impl Workplace {
     /// For tests with fakes: nothing is shared with other tests.
     #[must_use]
@@ -188,7 +186,6 @@ pub struct Running {
     lines: BufReader<std::process::ChildStderr>,
 }
 
-#[allow(clippy::expect_used, clippy::panic, reason = "these are the tests' own means")]
 impl Running {
     /// The next line on standard error; `None` at its end.
     pub fn next_line(&mut self) -> Option<String> {

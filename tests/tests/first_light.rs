@@ -109,3 +109,18 @@ fn labelled(kind: &str) -> String {
     assert!(output.status.success(), "{output:?}");
     String::from_utf8_lossy(&output.stdout).trim().to_owned()
 }
+
+#[test]
+fn a_selection_runs_what_it_names_and_is_done_with_that() {
+    let workplace = Workplace::new();
+    workplace.write(
+        "m.yaml",
+        "matrix:\n  virtualization: [fake]\n  place: [here, there]\n\
+         workload:\n  windows: 2\n  window: 8s\n  period: 1s\n",
+    );
+    let ran = workplace.run(&["run", "m.yaml", "--only", "place=there"]);
+    assert_eq!(ran.code, Some(0), "{ran:?}");
+    let status = workplace.json(&["status", workplace.run_directory().to_str().unwrap()]);
+    assert_eq!(find(&status["scenarios"], "a")["state"], "not selected");
+    assert_eq!(find(&status["scenarios"], "b")["state"], "completed");
+}

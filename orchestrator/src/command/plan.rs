@@ -90,6 +90,7 @@ pub fn as_json(plan: &Plan) -> Value {
             "host": scenario.host,
             "feasible": scenario.feasible,
             "reason": scenario.reason,
+            "not_selected": scenario.not_selected,
             "fix": scenario.fix,
             "settings": scenario.settings,
         })).collect::<Vec<_>>(),
@@ -116,9 +117,10 @@ pub fn as_text(plan: &Plan) -> String {
         .max()
         .unwrap_or(0);
     for scenario in &record.scenarios {
-        let standing = match &scenario.reason {
-            None => format!("on {}", scenario.host.as_deref().unwrap_or("this machine")),
-            Some(reason) => format!("infeasible: {reason}"),
+        let standing = match (&scenario.reason, &scenario.not_selected) {
+            (Some(reason), _) => format!("infeasible: {reason}"),
+            (None, Some(why)) => why.clone(),
+            (None, None) => format!("on {}", scenario.host.as_deref().unwrap_or("this machine")),
         };
         let _ = writeln!(text, "{:>2}  {:width$}  {standing}", scenario.id, scenario.slug);
         if let Some(fix) = &scenario.fix {

@@ -60,7 +60,7 @@ pub async fn execute(arguments: &ResumeArguments) -> Result<Exit, Complaint> {
 
 fn what_is_left(recorded: &RecordedRun) -> String {
     let mut text = String::new();
-    for planned in recorded.plan.scenarios.iter().filter(|planned| planned.feasible) {
+    for planned in recorded.plan.scenarios.iter().filter(|planned| planned.runs()) {
         let state = recorded.state.scenario(&planned.slug);
         if state.is_settled() {
             continue;

@@ -85,6 +85,9 @@ pub fn execute(arguments: &StatusArguments) -> Result<Exit, Complaint> {
 }
 
 fn word(planned: &PlannedScenario, state: &ScenarioState, live: bool) -> &'static str {
+    if planned.not_selected.is_some() {
+        return "not selected";
+    }
     match (planned.feasible, state.outcome, &state.open) {
         (false, ..) => "infeasible",
         (true, Some(outcome), _) => outcome_word(outcome),

@@ -174,7 +174,7 @@ impl Run<'_> {
             .open
             .map(|open| open.environment);
         let mut asked = Vec::new();
-        for other in self.plan.scenarios.iter().filter(|other| other.feasible) {
+        for other in self.plan.scenarios.iter().filter(|other| other.runs()) {
             let provider = (self.choose)(other)?;
             if asked.contains(&provider.name()) {
                 continue;

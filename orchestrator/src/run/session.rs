@@ -136,7 +136,7 @@ fn exit(state: &RunState, plan: &PlanRecord) -> Exit {
     let outcomes: Vec<Option<Outcome>> = plan
         .scenarios
         .iter()
-        .filter(|planned| planned.feasible)
+        .filter(|planned| planned.runs())
         .map(|planned| state.scenario(&planned.slug).outcome)
         .collect();
     let any = |outcome| outcomes.contains(&outcome);

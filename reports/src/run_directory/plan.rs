@@ -42,6 +42,12 @@ pub struct PlannedScenario {
 }
 
 impl PlannedScenario {
+    /// Whether this run measures it.
+    #[must_use]
+    pub const fn runs(&self) -> bool {
+        self.feasible && self.not_selected.is_none()
+    }
+
     /// The value of an axis as text, if the scenario has that axis.
     #[must_use]
     pub fn axis(&self, name: &str) -> Option<String> {
