@@ -18,7 +18,8 @@ use nix::{
 use serde_json::Value;
 use tempfile::TempDir;
 
-/// Where the `matrix` binary is; built first if need be, by the same cargo that runs the tests.
+/// Where the `matrix` binary is; built first if need be, by the same cargo that runs the tests, in the profile
+/// that the README's command uses, for benchmarks too.
 pub fn matrix_binary() -> &'static Path {
     static BINARY: OnceLock<PathBuf> = OnceLock::new();
     BINARY.get_or_init(|| {
@@ -26,27 +27,11 @@ pub fn matrix_binary() -> &'static Path {
             .package("orchestrator")
             .bin("matrix")
             .manifest_path(Path::new(env!("CARGO_MANIFEST_DIR")).join("../Cargo.toml"))
-            .current_release_if_not_debug()
             .run()
             .expect("`cargo build -p orchestrator` works")
             .path()
             .to_owned()
     })
-}
-
-/// The bench and test profiles differ only in name.
-trait SameProfile {
-    fn current_release_if_not_debug(self) -> Self;
-}
-
-impl SameProfile for escargot::CargoBuild {
-    fn current_release_if_not_debug(self) -> Self {
-        if cfg!(debug_assertions) {
-            self
-        } else {
-            self.release()
-        }
-    }
 }
 
 /// A folder to work in, with a state folder and, unless it measures for real, a lease of its own.
