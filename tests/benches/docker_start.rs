@@ -18,7 +18,7 @@ matrix:
   virtualization: [docker]
 workload:
   windows: 1
-  window: 1s
+  window: 2s
   period: 1s
 ";
 
