@@ -33,16 +33,7 @@ pub fn execute(arguments: &KsArguments) -> Result<Exit, Complaint> {
     let test = ks::test(&x, &y)
         .map_err(|error| Complaint::new(Exit::Wrong, &error, Some(error.hint().to_owned())))?;
     if arguments.output.json {
-        terminal::json(&json!({
-            "n": test.n,
-            "m": test.m,
-            "d": test.d,
-            "h": test.h,
-            "lcm": test.lcm,
-            "p": test.p,
-            "log10_p": test.log10_p,
-            "method": test.method.name(),
-        }));
+        terminal::json(&json!(test));
     } else {
         terminal::result(&format!(
             "D = {:.6} ({}/{}), n = {}, m = {}, p = {:.6e} (log10 p = {:.4}), method {}",
