@@ -158,8 +158,15 @@ pub fn smallest_attainable_p(n: usize, m: usize) -> f64 {
         return 1.0;
     }
     let (few, many) = (n.min(m), n.max(m));
-    let share: f64 = (1..=few).map(|i| i as f64 / (many + i) as f64).product();
-    (2.0 * share).min(1.0)
+    // 1 / C(n+m, few) as a product, which never overflows; below the smallest double it is 0 and stays it.
+    let mut p = 2.0;
+    for k in 1..=few {
+        p *= k as f64 / (many + k) as f64;
+        if p == 0.0 {
+            break;
+        }
+    }
+    p.min(1.0)
 }
 
 fn sorted(values: &[f64], which: Which) -> Result<Vec<f64>, KsError> {

@@ -147,6 +147,18 @@ impl Workplace {
         assert_eq!(runs.len(), 1, "one run: {runs:?}");
         runs.remove(0)
     }
+
+    /// The folder of the one scenario that the one run has data of.
+    #[must_use]
+    pub fn scenario_directory(&self) -> PathBuf {
+        let scenarios =
+            std::fs::read_dir(self.run_directory().join("scenarios")).expect("there are scenarios");
+        let mut scenarios: Vec<PathBuf> = scenarios
+            .map(|entry| entry.expect("the folder can be read").path())
+            .collect();
+        assert_eq!(scenarios.len(), 1, "one scenario: {scenarios:?}");
+        scenarios.remove(0)
+    }
 }
 
 impl Default for Workplace {

@@ -110,12 +110,7 @@ fn a_log_that_was_tampered_with_is_named_and_not_counted(#[case] tail: &str) {
     workplace.write("m.yaml", FAKE);
     assert_eq!(workplace.run(&["run", "m.yaml"]).code, Some(0));
     let directory = workplace.run_directory();
-    let scenario = std::fs::read_dir(directory.join("scenarios"))
-        .unwrap()
-        .next()
-        .unwrap()
-        .unwrap()
-        .path();
+    let scenario = workplace.scenario_directory();
     let log = scenario.join("window-2/control.csv");
     let mut text = std::fs::read_to_string(&log).unwrap();
     text.push_str(tail);

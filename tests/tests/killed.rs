@@ -13,13 +13,8 @@ fn matrix(virtualization: &str) -> String {
     )
 }
 
-fn environments_of_windows(directory: &std::path::Path) -> Vec<String> {
-    let scenario = std::fs::read_dir(directory.join("scenarios"))
-        .unwrap()
-        .next()
-        .unwrap()
-        .unwrap()
-        .path();
+fn environments_of_windows(workplace: &Workplace) -> Vec<String> {
+    let scenario = workplace.scenario_directory();
     (1..=4)
         .map(|window| {
             let path = scenario.join(format!("window-{window}/window.json"));
@@ -43,7 +38,7 @@ fn what_went_on_measuring_is_found_and_collected(#[case] virtualization: &str) {
     let resumed = workplace.run(&["resume", directory.to_str().unwrap()]);
     assert_eq!(resumed.code, Some(0), "{resumed:?}");
     assert!(resumed.err.contains("found"), "{resumed:?}");
-    let environments = environments_of_windows(&directory);
+    let environments = environments_of_windows(&workplace);
     assert!(
         environments.iter().all(|name| *name == environments[0]),
         "one environment measured all: {environments:?}"
@@ -74,18 +69,13 @@ fn windows_of_a_container_that_was_killed_count_and_only_the_missing_ones_are_me
 
     let resumed = workplace.run(&["resume", directory.to_str().unwrap()]);
     assert_eq!(resumed.code, Some(0), "{resumed:?}");
-    let environments = environments_of_windows(&directory);
+    let environments = environments_of_windows(&workplace);
     assert_eq!(
         environments[0], container,
         "the first window is the first container's"
     );
     assert_ne!(environments[3], container, "the last window is another's");
-    let broken = std::fs::read_dir(directory.join("scenarios"))
-        .unwrap()
-        .next()
-        .unwrap()
-        .unwrap()
-        .path();
+    let broken = workplace.scenario_directory();
     assert!(
         broken.join("broken").join(&container).is_dir(),
         "what broke is kept aside"
@@ -115,6 +105,6 @@ fn ctrl_c_keeps_complete_windows_says_how_to_go_on_and_leaves_nothing_behind() {
         workplace.run(&["resume", directory.to_str().unwrap()]).code,
         Some(0)
     );
-    assert_eq!(environments_of_windows(&directory).len(), 4);
+    assert_eq!(environments_of_windows(&workplace).len(), 4);
     assert_eq!(workplace.run(&["clean"]).code, Some(0));
 }

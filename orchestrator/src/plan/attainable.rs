@@ -5,6 +5,7 @@
 //! Kolmogorov-Smirnov test: of the C(n+m, n) equally likely arrangements only the two with one sample wholly before the
 //! other are as extreme, so p = 2 / C(n+m, n) (Gibbons and Chakraborti, *Nonparametric Statistical Inference*, 6.3).
 
+use reports::ks::smallest_attainable_p;
 use serde::Serialize;
 
 /// Sizes of two samples and the smallest p their comparison can reach.
@@ -53,19 +54,8 @@ impl Attainable {
 /// Smallest p of a two-sided exact KS test of `n` and `m` values; 1 if there is nothing to compare.
 #[must_use]
 pub fn smallest_p(n: u64, m: u64) -> f64 {
-    let (small, large) = (n.min(m), n.max(m));
-    if small == 0 {
-        return 1.0;
-    }
-    // 1 / C(n+m, small) as a product, which never overflows; below the smallest double it is 0 and stays it.
-    let mut p = 2.0;
-    for k in 1..=small {
-        p *= k as f64 / (large + k) as f64;
-        if p == 0.0 {
-            break;
-        }
-    }
-    p.min(1.0)
+    let values = |count: u64| usize::try_from(count).unwrap_or(usize::MAX);
+    smallest_attainable_p(values(n), values(m))
 }
 
 /// Fewest values in two samples of equal size whose comparison can be rejected at `alpha`; none if `alpha` is 0.
