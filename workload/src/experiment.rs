@@ -154,6 +154,7 @@ fn measure(
         steps: settings.steps_per_window(),
         step_ns,
         captures: sources.captures.len(),
+        network_seed: sources.network.seed(),
     };
     let shared = sources.shared.clone();
     let controller = Schedule {

@@ -40,6 +40,9 @@ pub trait Network: Send + Sync {
     /// What went through the links since the network came up, in [`VirtualHost::ALL`]'s order.
     fn links(&self) -> Vec<LinkRecord>;
 
+    /// What losses and delays are drawn from, given or drawn itself; none if they cannot be drawn again.
+    fn seed(&self) -> Option<u64>;
+
     /// Why the network stopped carrying packets, if it did.
     fn failure(&self) -> Option<NetworkError>;
 }
@@ -143,7 +146,7 @@ impl NetworkError {
 
 /// Builds the network that the settings name and starts carrying packets. Its own threads ask for the SCHED_FIFO
 /// priority `emulator_priority`, 0 for none, and go on without it where it is refused. Without a seed in the settings
-/// every network draws its own losses and delays.
+/// every network draws its own losses and delays, and [`Network::seed`] tells from what.
 ///
 /// # Errors
 /// If the platform does not offer what it needs.
@@ -165,9 +168,10 @@ pub fn survey(backend: NetworkBackend) -> Result<(), NetworkError> {
     }
 }
 
-/// The standard library's only source of randomness: the keys of a new hash map are drawn by the operating system.
+/// The standard library's only source of randomness: the keys of a new hash map are drawn by the operating system. 53
+/// bits of it, which every reader of JSON keeps exactly, so that a recorded seed can be used again.
 fn random_seed() -> u64 {
-    RandomState::new().build_hasher().finish()
+    RandomState::new().build_hasher().finish() >> 11
 }
 
 #[cfg(test)]
@@ -194,5 +198,11 @@ mod tests {
     #[test]
     fn networks_without_a_seed_differ() {
         assert_ne!(random_seed(), random_seed());
+    }
+
+    #[test]
+    fn a_drawn_seed_is_exact_as_a_number_of_javascript() {
+        let most = (0..1000).map(|_| random_seed()).max().unwrap();
+        assert!((1 << 50..1 << 53).contains(&most), "{most}");
     }
 }

@@ -150,7 +150,7 @@ pub struct NetworkSettings {
     pub bandwidth: BitRate,
     /// How many packets a link's end holds before it drops (netem's `limit`).
     pub limit_packets: u32,
-    /// Seed of the losses and the jitter; each window of each scenario draws differently when it is left out.
+    /// Seed of the losses and the jitter. When it is left out, each environment draws its own and `window.json` has it.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub seed: Option<u64>,
 }

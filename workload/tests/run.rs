@@ -162,6 +162,11 @@ fn a_run_measures_contiguous_windows_with_all_their_files() {
             Progress::Finished,
         ]
     );
+    assert!(
+        records[0].network_seed.is_some(),
+        "drawn, since the settings have none"
+    );
+    assert_eq!(records[0].network_seed, records[1].network_seed);
     let journal = fs::read_to_string(data.join("progress.jsonl")).unwrap();
     let journal: Vec<Progress> = journal
         .lines()

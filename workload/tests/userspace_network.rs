@@ -48,6 +48,10 @@ fn main() -> ExitCode {
             a_survey_finds_what_the_network_needs,
         ),
         test(
+            "a_given_seed_is_the_one_that_is_used_and_told",
+            a_given_seed_is_used_and_told,
+        ),
+        test(
             "the_network_is_as_slow_and_lossy_as_the_settings_ask",
             slow_and_lossy_as_asked,
         ),
@@ -74,6 +78,14 @@ const PORT: u16 = 4711;
 
 fn a_survey_finds_what_the_network_needs() {
     network::survey(NetworkBackend::Userspace).unwrap();
+}
+
+fn a_given_seed_is_used_and_told() {
+    let network = open(&NetworkSettings {
+        seed: Some(7),
+        ..NetworkSettings::default()
+    });
+    assert_eq!(network.seed(), Some(7));
 }
 
 fn slow_and_lossy_as_asked() {

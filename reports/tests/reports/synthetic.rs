@@ -349,6 +349,7 @@ fn window_record(slug: &str, window: u32, log: &str) -> WindowRecord {
         log_dropped: 0,
         cpu_share: 0.025,
         captures: Vec::new(),
+        network_seed: None,
         links: Vec::new(),
         files: vec![file_record(log)],
         verdict: Verdict::Valid,

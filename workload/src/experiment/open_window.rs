@@ -31,6 +31,8 @@ pub struct WindowShape {
     pub step_ns: i64,
     /// How many captures each has.
     pub captures: usize,
+    /// The network's seed.
+    pub network_seed: Option<u64>,
 }
 
 /// A window whose steps are being done, or whose captures are being completed.
@@ -179,6 +181,7 @@ impl OpenWindow {
             log_dropped,
             cpu_share: ended.cpu_share_since(&self.began),
             captures,
+            network_seed: shape.network_seed,
             links: ended.links_since(&self.began),
             files: Vec::new(),
             verdict: Verdict::Valid,

@@ -188,6 +188,7 @@ mod tests {
                 packets: 1,
                 dropped: 0,
             }],
+            network_seed: None,
             links: Vec::new(),
             files: Vec::new(),
             verdict: Verdict::Valid,

@@ -17,6 +17,7 @@ pub struct Userspace {
     // Before the namespaces, so that the devices are closed while their namespaces still exist.
     emulator: Emulator,
     namespaces: [Namespace; 3],
+    seed: u64,
 }
 
 impl Userspace {
@@ -33,6 +34,7 @@ impl Userspace {
         Ok(Self {
             emulator,
             namespaces: [h1, sta1, sta2],
+            seed,
         })
     }
 }
@@ -48,6 +50,10 @@ impl Network for Userspace {
 
     fn links(&self) -> Vec<LinkRecord> {
         self.emulator.links().to_vec()
+    }
+
+    fn seed(&self) -> Option<u64> {
+        Some(self.seed)
     }
 
     fn failure(&self) -> Option<NetworkError> {

@@ -46,6 +46,10 @@ pub struct WindowRecord {
     pub cpu_share: f64,
     /// One for each virtual host, if captures are on.
     pub captures: Vec<CaptureRecord>,
+    /// What the network's losses and delays were drawn from since the run of the loop began; none if they cannot be drawn
+    /// again.
+    #[serde(default)]
+    pub network_seed: Option<u64>,
     /// The links, in [`VirtualHost::ALL`]'s order.
     pub links: Vec<LinkRecord>,
     /// The files beside this one.

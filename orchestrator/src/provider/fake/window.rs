@@ -201,6 +201,7 @@ fn record(fake: &FakeWindow<'_>, rows: &[ControlRow], files: Vec<FileRecord>) ->
         } else {
             Vec::new()
         },
+        network_seed: None,
         links: VirtualHost::ALL
             .map(|host| LinkRecord {
                 host,

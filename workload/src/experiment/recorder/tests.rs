@@ -38,6 +38,10 @@ impl Network for Unlinked {
         Vec::new()
     }
 
+    fn seed(&self) -> Option<u64> {
+        None
+    }
+
     fn failure(&self) -> Option<NetworkError> {
         self.broken.then_some(NetworkError::Carrying {
             action: "waiting for packets",
@@ -118,6 +122,7 @@ fn record(windows: &[u32], network: &Unlinked, loops_do: impl FnOnce(&mut Loops)
         steps: STEPS,
         step_ns: STEP_NS,
         captures: 0,
+        network_seed: Some(7),
     };
     let recorder = Recorder::begin(sources, shape, windows, data.path(), &reporter).unwrap();
     let outcome = recorder.run();
