@@ -55,7 +55,7 @@ use crate::{
     network::{self, Network},
     realtime::{lock_memory, monotonic_ns},
     record::{platform::RealtimeGrant, progress::Progress},
-    settings::Settings,
+    settings::{ImpairedFrom, Settings},
     survey,
     virtual_host::VirtualHost,
 };
@@ -91,10 +91,16 @@ pub fn run(
     let emulator_priority = if priority == 0 { 0 } else { (priority + 1).min(99) };
     let network = network::open(&settings.network, emulator_priority)?;
     reporter.say(&Progress::NetworkUp);
+    if settings.network.impaired_from == ImpairedFrom::Start {
+        network.impair()?;
+    }
     let captures = start_captures(settings, network.as_ref())?;
     let Some(connection) = Connection::open(network.as_ref(), settings, stop)? else {
         return Ok(Ending::Stopped { window: first });
     };
+    if settings.network.impaired_from == ImpairedFrom::Connection {
+        network.impair()?;
+    }
     reporter.say(&Progress::Connected);
     let (nodes, plant, controller) = connection.into_ends();
     let (threads, queues, mut grant) = LoopThreads::start(settings, plant, controller)?;

@@ -37,6 +37,13 @@ pub trait Network: Send + Sync {
     /// The name of the host's interface, inside its namespace.
     fn interface(&self, host: VirtualHost) -> String;
 
+    /// From now on every link delays, loses and limits as the settings say. A network that was opened carries without
+    /// delay or loss until then; [`ImpairedFrom`](crate::settings::ImpairedFrom) says why. Once is enough.
+    ///
+    /// # Errors
+    /// If the platform refuses.
+    fn impair(&self) -> Result<(), NetworkError>;
+
     /// What went through the links since the network came up, in [`VirtualHost::ALL`]'s order.
     fn links(&self) -> Vec<LinkRecord>;
 
@@ -144,7 +151,7 @@ impl NetworkError {
     }
 }
 
-/// Builds the network that the settings name and starts carrying packets. Its own threads ask for the SCHED_FIFO
+/// Builds the network that the settings name and starts carrying packets, unimpaired yet. Its own threads ask for the SCHED_FIFO
 /// priority `emulator_priority`, 0 for none, and go on without it where it is refused. Without a seed in the settings
 /// every network draws its own losses and delays, and [`Network::seed`] tells from what.
 ///

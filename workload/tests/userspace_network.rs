@@ -19,6 +19,7 @@ use pcap_file::{TsResolution, pcap::PcapReader};
 use workload::{
     capture::{Capture, CapturedWindow},
     network::{self, Network},
+    quantity::Fraction,
     record::window::{CaptureRecord, PassRecord},
     settings::{CaptureSettings, NetworkBackend, NetworkSettings},
     virtual_host::VirtualHost,
@@ -54,6 +55,10 @@ fn main() -> ExitCode {
         test(
             "the_network_is_as_slow_and_lossy_as_the_settings_ask",
             slow_and_lossy_as_asked,
+        ),
+        test(
+            "a_network_carries_at_once_and_without_loss_until_it_is_impaired",
+            at_once_until_impaired,
         ),
         test("tcp_gets_most_of_the_bandwidth", tcp_gets_most_of_the_bandwidth),
         test(
@@ -109,6 +114,23 @@ fn slow_and_lossy_as_asked() {
     round_trips_take_as_long_as_asked(&pings);
     losses_are_as_asked(&pings, &*network);
     captures_have_what_happened(&pings, &captured, &files.map(|file| read_capture(&file)));
+}
+
+fn at_once_until_impaired() {
+    let network = open_unimpaired(&NetworkSettings {
+        loss: Fraction::from_percent(30.0),
+        seed: Some(7),
+        ..NetworkSettings::default()
+    });
+    let before = ping(&*network, 100);
+    assert_eq!(before.round_trips.len(), 100);
+    let shortest = before.round_trips.values().min().unwrap();
+    assert!(*shortest < Duration::from_millis(5), "{shortest:?}");
+    network.impair().unwrap();
+    let after = ping(&*network, 100);
+    assert!(after.round_trips.len() < 60, "{}", after.round_trips.len());
+    let shortest = after.round_trips.values().min().unwrap();
+    assert!(*shortest > Duration::from_millis(36), "{shortest:?}");
 }
 
 fn round_trips_take_as_long_as_asked(pings: &Pings) {
@@ -357,6 +379,12 @@ fn receive_all(socket: &UdpSocket, mut then: impl FnMut(&[u8], SocketAddr)) -> V
 }
 
 fn open(settings: &NetworkSettings) -> Box<dyn Network> {
+    let network = open_unimpaired(settings);
+    network.impair().unwrap();
+    network
+}
+
+fn open_unimpaired(settings: &NetworkSettings) -> Box<dyn Network> {
     network::open(settings, 85).unwrap_or_else(|error| panic!("{error:?}, hint: {:?}", error.hint()))
 }
 

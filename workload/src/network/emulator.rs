@@ -6,7 +6,10 @@
 
 use std::{
     os::fd::AsFd,
-    sync::{Arc, Mutex, MutexGuard, PoisonError},
+    sync::{
+        Arc, Mutex, MutexGuard, PoisonError,
+        atomic::{AtomicBool, Ordering},
+    },
     thread::{self, JoinHandle},
     time::{Duration, Instant},
 };
@@ -24,6 +27,7 @@ use nix::{
 use super::{
     NetworkError,
     device::Tap,
+    link::Impairment,
     namespace::errno,
     star::{Delivery, FRAME_BYTES, Star},
 };
@@ -40,6 +44,7 @@ const PUBLISH_RETRY: Duration = Duration::from_millis(1);
 #[derive(Debug)]
 pub struct Emulator {
     status: Arc<Mutex<Status>>,
+    impaired: Arc<AtomicBool>,
     stop: Arc<EventFd>,
     thread: Option<JoinHandle<()>>,
 }
@@ -52,21 +57,31 @@ struct Status {
 }
 
 impl Emulator {
-    /// Starts carrying packets between the hosts' devices, which are in [`VirtualHost::ALL`]'s order. The thread asks
-    /// for the SCHED_FIFO priority if it is not 0, and goes on without it where it is refused.
+    /// Starts carrying packets between the hosts' devices, which are in [`VirtualHost::ALL`]'s order; the links are
+    /// impaired from [`Self::impair`] on. The thread asks for the SCHED_FIFO priority if it is not 0, and goes on without it where it is refused.
     ///
     /// # Errors
     /// If the thread cannot be started.
-    pub fn start(taps: [Tap; 3], star: Star, fifo_priority: u8) -> Result<Self, NetworkError> {
+    pub fn start(
+        taps: [Tap; 3],
+        star: Star,
+        impairment: Impairment,
+        fifo_priority: u8,
+    ) -> Result<Self, NetworkError> {
         let status = Arc::new(Mutex::new(Status {
             links: star.links(),
             failure: None,
         }));
         let stop = EventFd::from_flags(EfdFlags::EFD_CLOEXEC | EfdFlags::EFD_NONBLOCK);
         let stop = Arc::new(stop.map_err(|source| NetworkError::Thread { source })?);
+        let impaired = Arc::new(AtomicBool::new(false));
         let mut carrier = Carrier {
             taps,
             star,
+            pending: Some(PendingImpairment {
+                impairment,
+                wanted: impaired.clone(),
+            }),
             clock: Clock::start(),
             status: status.clone(),
             published: true,
@@ -84,9 +99,15 @@ impl Emulator {
         })?;
         Ok(Self {
             status,
+            impaired,
             stop,
             thread: Some(thread),
         })
+    }
+
+    /// Impairs every packet that a host sends after this call.
+    pub fn impair(&self) {
+        self.impaired.store(true, Ordering::Release);
     }
 
     /// What went through the links so far.
@@ -116,9 +137,17 @@ impl Drop for Emulator {
 struct Carrier {
     taps: [Tap; 3],
     star: Star,
+    /// Until it is put upon the star.
+    pending: Option<PendingImpairment>,
     clock: Clock,
     status: Arc<Mutex<Status>>,
     published: bool,
+}
+
+/// What the links are to do to packets once that is wanted.
+struct PendingImpairment {
+    impairment: Impairment,
+    wanted: Arc<AtomicBool>,
 }
 
 impl Carrier {
@@ -195,9 +224,18 @@ impl Carrier {
             let Some(frame) = received.and_then(|bytes| buffer.get(..bytes)) else {
                 return Ok(());
             };
+            self.impair_if_wanted();
             self.star.send(self.clock.now_ns(), host, frame);
         }
         Ok(())
+    }
+
+    /// Asked for each frame after it was read, so that none that was sent after the wish goes free.
+    fn impair_if_wanted(&mut self) {
+        let wanted = |pending: &mut PendingImpairment| pending.wanted.load(Ordering::Acquire);
+        if let Some(PendingImpairment { impairment, .. }) = self.pending.take_if(wanted) {
+            self.star.impair(impairment);
+        }
     }
 
     /// Never waits for a reader, who may run at a lower priority.

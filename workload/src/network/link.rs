@@ -45,6 +45,17 @@ pub struct Impairment {
     pub limit: usize,
 }
 
+impl Impairment {
+    /// A link that carries everything at once.
+    pub const NONE: Self = Self {
+        delay_ns: 0,
+        jitter_ns: 0,
+        loss: 0.0,
+        bits_per_second: u64::MAX,
+        limit: usize::MAX,
+    };
+}
+
 impl From<&NetworkSettings> for Impairment {
     fn from(settings: &NetworkSettings) -> Self {
         Self {
@@ -98,12 +109,20 @@ impl<P> LinkEnd<P> {
         }
     }
 
+    /// From now on does this to packets; those that wait leave as they were to. Losses and delays are drawn from where
+    /// the source of randomness is, which an unimpaired end has not touched.
+    pub fn impair(&mut self, impairment: Impairment) {
+        self.impairment = impairment;
+        self.bucket = TokenBucket::full(impairment.bits_per_second);
+    }
+
     /// Offers a packet whose Ethernet frame has so many bytes. `now_ns` never goes back.
     ///
     /// # Errors
     /// The packet, if it is lost or the queue is full.
     pub fn offer(&mut self, now_ns: u64, bytes: usize, packet: P) -> Result<(), Refused<P>> {
-        if self.random.rand_float() < self.impairment.loss {
+        // Nothing is drawn where nothing can be lost, as in netem.
+        if self.impairment.loss > 0.0 && self.random.rand_float() < self.impairment.loss {
             return Err(Refused::Lost(packet));
         }
         if self.queue.len() >= self.impairment.limit {

@@ -72,6 +72,13 @@ impl Star {
         }
     }
 
+    /// From now on every pass through a link's end does this to packets.
+    pub fn impair(&mut self, impairment: Impairment) {
+        for pass in self.up.iter_mut().chain(&mut self.down) {
+            pass.end.impair(impairment);
+        }
+    }
+
     /// A host sends a frame. `now_ns` never goes back.
     pub fn send(&mut self, now_ns: u64, from: VirtualHost, frame: &[u8]) {
         let frame = pooled_copy(&mut self.pool, frame);

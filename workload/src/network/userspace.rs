@@ -29,8 +29,12 @@ impl Userspace {
         let (h1, h1_tap) = make_host(VirtualHost::H1)?;
         let (sta1, sta1_tap) = make_host(VirtualHost::Sta1)?;
         let (sta2, sta2_tap) = make_host(VirtualHost::Sta2)?;
-        let star = Star::new(Impairment::from(settings), seed);
-        let emulator = Emulator::start([h1_tap, sta1_tap, sta2_tap], star, emulator_priority)?;
+        let emulator = Emulator::start(
+            [h1_tap, sta1_tap, sta2_tap],
+            Star::new(Impairment::NONE, seed),
+            Impairment::from(settings),
+            emulator_priority,
+        )?;
         Ok(Self {
             emulator,
             namespaces: [h1, sta1, sta2],
@@ -46,6 +50,11 @@ impl Network for Userspace {
 
     fn interface(&self, host: VirtualHost) -> String {
         host.interface()
+    }
+
+    fn impair(&self) -> Result<(), NetworkError> {
+        self.emulator.impair();
+        Ok(())
     }
 
     fn links(&self) -> Vec<LinkRecord> {

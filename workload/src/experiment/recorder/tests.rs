@@ -34,6 +34,10 @@ impl Network for Unlinked {
         host.interface()
     }
 
+    fn impair(&self) -> Result<(), NetworkError> {
+        Ok(())
+    }
+
     fn links(&self) -> Vec<LinkRecord> {
         Vec::new()
     }

@@ -204,3 +204,27 @@ fn the_pool_gets_every_buffer_back() {
     }
     assert_eq!(star.pool.len(), POOL_FRAMES);
 }
+
+#[test]
+fn an_impairment_put_on_later_draws_what_it_would_have_drawn_from_the_start() {
+    let lossy = Impairment {
+        loss: 0.5,
+        jitter_ns: MS,
+        ..STEADY
+    };
+    let carried = |mut star: Star| {
+        for mark in 0..200 {
+            star.send(
+                (1000 + 5 * u64::from(mark)) * MS,
+                Sta1,
+                &frame(Sta1, Sta2.mac(), mark),
+            );
+        }
+        advance(&mut star, u64::MAX)
+    };
+    let mut star = acquainted(Impairment::NONE);
+    star.send(MS, Sta2, &frame(Sta2, Sta1.mac(), 0));
+    assert_eq!(advance(&mut star, MS), vec![(Sta1, MS, 0)]);
+    star.impair(lossy);
+    assert_eq!(carried(star), carried(acquainted(lossy)));
+}
