@@ -1,6 +1,10 @@
 //! End-to-end tests of the `matrix` command as a user has it: the real binary in a folder of its own.
 //!
-//! The tests are in `tests/`, this is what they share. The main type is [`Workplace`].
+//! The tests are in `tests/`, this is what they share. The main type is [`Workplace`]; [`Guest`] is a machine with a
+//! kernel of its own.
+
+mod guest;
+mod workload;
 
 use std::{
     ffi::OsStr,
@@ -17,6 +21,8 @@ use nix::{
 };
 use serde_json::Value;
 use tempfile::TempDir;
+
+pub use crate::{guest::Guest, workload::workload_binary};
 
 /// Where the `matrix` binary is; built first if need be, by the same cargo that runs the tests, in the profile
 /// that the README's command uses, for benchmarks too.
@@ -168,7 +174,7 @@ impl Default for Workplace {
 }
 
 impl Ran {
-    fn of(output: Output) -> Self {
+    pub(crate) fn of(output: Output) -> Self {
         Self {
             code: output.status.code(),
             out: String::from_utf8_lossy(&output.stdout).into_owned(),

@@ -1,0 +1,398 @@
+//! A Debian machine of its own kernel, for what the kernel of the machine under test may not have: netem, openvswitch.
+//! The main type is [`Guest`].
+//!
+//! `tests/guest/build` makes the image, once for each recipe. QEMU emulates the processor in software, which needs no
+//! `/dev/kvm` and makes everything some ten to thirty times slower: a time measured in the guest is coarse.
+
+use std::{
+    fmt::Write as _,
+    fs::File,
+    io::{ErrorKind, Read},
+    net::{Ipv4Addr, TcpListener, TcpStream},
+    path::{Path, PathBuf},
+    process::{Child, ChildStdin, Command, Stdio},
+    sync::OnceLock,
+    thread,
+    time::{Duration, Instant},
+};
+
+use tempfile::TempDir;
+
+use crate::Ran;
+
+/// A boot that has not answered by now never will: the slowest seen took 70 s, on two cores with a load of 12.
+const BOOT: Duration = Duration::from_secs(300);
+/// Between two looks for an answer.
+const LOOK: Duration = Duration::from_millis(100);
+/// Another process can take the port between the moment it was found free and QEMU's.
+const PORTS_TO_TRY: usize = 5;
+/// What the console of a machine that failed is cut to.
+const TAIL_LINES: usize = 40;
+
+/// A shell that ends the machine with itself, in both directions: when its input ends, because the [`Guest`] is dropped
+/// or its process is killed, and when QEMU ends. All are one process group, so that nobody is left.
+const KEEPER: &str = r#"{ "$@" </dev/null; kill -9 0; } & read -r end; kill -9 0"#;
+
+/// A booted machine, until it is dropped. Every boot begins with the same disk: what it writes goes with it.
+#[derive(Debug)]
+pub struct Guest {
+    keeper: Child,
+    // Its end is the machine's.
+    alive: Option<ChildStdin>,
+    connection: Option<Child>,
+    folder: TempDir,
+    image: PathBuf,
+    port: u16,
+}
+
+impl Guest {
+    /// Boots a machine and waits until it answers on SSH; makes the image first where there is none (minutes).
+    ///
+    /// # Panics
+    /// When it does not come up, with the end of its console or with what to install.
+    #[must_use]
+    pub fn boot() -> Self {
+        for (program, package) in [
+            (
+                "qemu-system-x86_64",
+                "qemu-system-x86 (where it conflicts with an installed qemu-utils: \
+                 apt-get install -t bookworm-backports qemu-system-x86, with bookworm-backports among the sources)",
+            ),
+            ("ssh", "openssh-client"),
+            ("scp", "openssh-client"),
+        ] {
+            assert!(
+                is_installed(program),
+                "the guest needs {program}: apt-get install {package}"
+            );
+        }
+        let image = image();
+        for _ in 0..PORTS_TO_TRY {
+            if let Some(guest) = Self::try_boot(&image) {
+                return guest;
+            }
+        }
+        panic!("no port of 127.0.0.1 stays free for the guest's SSH, {PORTS_TO_TRY} were tried")
+    }
+
+    /// The one machine that the tests of a test binary share; it ends with their process.
+    ///
+    /// # Panics
+    /// As [`Guest::boot`].
+    pub fn shared() -> &'static Self {
+        static GUEST: OnceLock<Guest> = OnceLock::new();
+        GUEST.get_or_init(Self::boot)
+    }
+
+    /// `None` when the port was taken by another process.
+    fn try_boot(image: &Path) -> Option<Self> {
+        let folder = TempDir::with_prefix("matrix-guest-").expect("a folder for the guest");
+        let port = TcpListener::bind((Ipv4Addr::LOCALHOST, 0))
+            .and_then(|listener| listener.local_addr())
+            .expect("a free port")
+            .port();
+        let said = File::create(folder.path().join("qemu")).expect("the folder can be written");
+        let mut keeper = Command::new("sh");
+        keeper
+            .args(["-c", KEEPER, "keeper"])
+            .args(machine(image, folder.path(), port))
+            .env("TMPDIR", std::env::temp_dir())
+            .stdin(Stdio::piped())
+            .stdout(Stdio::null())
+            .stderr(said);
+        std::os::unix::process::CommandExt::process_group(&mut keeper, 0);
+        let mut keeper = keeper.spawn().expect("a shell starts");
+        let alive = keeper.stdin.take();
+        let mut guest = Self {
+            keeper,
+            alive,
+            connection: None,
+            folder,
+            image: image.to_owned(),
+            port,
+        };
+        let deadline = Instant::now() + BOOT;
+        while !guest.answers() {
+            if guest.has_ended() {
+                if guest.said().contains("host forwarding rule") {
+                    return None;
+                }
+                panic!("the guest ended while it booted{}", guest.state());
+            }
+            assert!(
+                Instant::now() < deadline,
+                "the guest did not answer on SSH in {BOOT:?}{}",
+                guest.state()
+            );
+            thread::sleep(LOOK);
+        }
+        let ran = guest.run(&["systemctl", "is-system-running", "--wait"]);
+        assert_eq!(
+            ran.out.trim(),
+            "running",
+            "{}{}{}",
+            ran.err,
+            guest.run(&["systemctl", "--failed"]).out,
+            guest.state()
+        );
+        // Later commands go through this connection and need no handshake; without it they make their own.
+        guest.connection = guest
+            .ssh("ssh")
+            .args(["-N", "-o", "ControlMaster=yes", "guest"])
+            .stdin(Stdio::null())
+            .stdout(Stdio::null())
+            .stderr(Stdio::null())
+            .spawn()
+            .ok();
+        Some(guest)
+    }
+
+    /// Runs a program to its end; the arguments arrive as they are. Code 255 with an error of `ssh` in [`Ran::err`]
+    /// means that there was no way to the machine.
+    ///
+    /// # Panics
+    /// When `ssh` cannot be started.
+    #[must_use]
+    pub fn run(&self, command: &[&str]) -> Ran {
+        Ran::of(
+            self.command(command)
+                .stdin(Stdio::null())
+                .output()
+                .expect("ssh starts"),
+        )
+    }
+
+    /// Runs a program that has to succeed; its standard output.
+    ///
+    /// # Panics
+    /// When it fails, with what it said.
+    pub fn expect(&self, command: &[&str]) -> String {
+        let ran = self.run(command);
+        assert_eq!(
+            ran.code,
+            Some(0),
+            "{command:?} failed in the guest\n{}{}{}",
+            ran.out,
+            ran.err,
+            self.state()
+        );
+        ran.out
+    }
+
+    /// A program in the guest as a command of this machine, to be started by the caller. It gets no terminal and, when
+    /// the command is killed here, it goes on there.
+    #[must_use]
+    pub fn command(&self, command: &[&str]) -> Command {
+        let mut ssh = self.ssh("ssh");
+        ssh.arg("guest").arg(
+            command
+                .iter()
+                .map(|word| quoted(word))
+                .collect::<Vec<_>>()
+                .join(" "),
+        );
+        ssh
+    }
+
+    /// A shell in the guest at the terminal of this process.
+    #[must_use]
+    pub fn shell(&self) -> Command {
+        let mut ssh = self.ssh("ssh");
+        ssh.args(["-t", "guest"]);
+        ssh
+    }
+
+    /// Copies a file or folder of this machine into the guest, modes included.
+    ///
+    /// # Panics
+    /// When it cannot.
+    pub fn put(&self, from: &Path, to: &str) {
+        self.copy(from.as_os_str(), format!("guest:{to}").as_ref());
+    }
+
+    /// Copies a file or folder of the guest to this machine.
+    ///
+    /// # Panics
+    /// When it cannot.
+    pub fn get(&self, from: &str, to: &Path) {
+        self.copy(format!("guest:{from}").as_ref(), to.as_os_str());
+    }
+
+    /// The port of 127.0.0.1 that leads to the guest's SSH.
+    #[must_use]
+    pub fn ssh_port(&self) -> u16 {
+        self.port
+    }
+
+    /// The private key that root is let in with. The host's key stands in `known_hosts` beside it, as `matrix-guest`.
+    #[must_use]
+    pub fn ssh_key(&self) -> PathBuf {
+        self.image.join("id_ed25519")
+    }
+
+    fn copy(&self, from: &std::ffi::OsStr, to: &std::ffi::OsStr) {
+        let output = self
+            .ssh("scp")
+            .args(["-q", "-r", "-p"])
+            .args([from, to])
+            .stdin(Stdio::null())
+            .output()
+            .expect("scp starts");
+        let said = String::from_utf8_lossy(&output.stderr);
+        assert!(
+            output.status.success(),
+            "copying {} to {} failed\n{said}{}",
+            from.display(),
+            to.display(),
+            self.state()
+        );
+    }
+
+    /// `ssh` or `scp` with all that leads to this machine and nothing of the user's own configuration.
+    fn ssh(&self, program: &str) -> Command {
+        let mut command = Command::new(program);
+        command.args(["-F", "/dev/null", "-i"]).arg(self.ssh_key());
+        for option in [
+            "BatchMode=yes".to_owned(),
+            "Compression=no".to_owned(),
+            "ConnectTimeout=60".to_owned(),
+            format!("ControlPath={}", self.folder.path().join("ssh").display()),
+            "HostKeyAlias=matrix-guest".to_owned(),
+            "HostName=127.0.0.1".to_owned(),
+            "IdentitiesOnly=yes".to_owned(),
+            "LogLevel=ERROR".to_owned(),
+            format!("Port={}", self.port),
+            "ServerAliveInterval=15".to_owned(),
+            "ServerAliveCountMax=8".to_owned(),
+            "StrictHostKeyChecking=yes".to_owned(),
+            "User=root".to_owned(),
+            format!("UserKnownHostsFile={}", self.image.join("known_hosts").display()),
+        ] {
+            command.arg("-o").arg(option);
+        }
+        command
+    }
+
+    /// Whether an SSH server greets. QEMU takes the connection even before there is one.
+    fn answers(&self) -> bool {
+        let Ok(mut stream) = TcpStream::connect((Ipv4Addr::LOCALHOST, self.port)) else {
+            return false;
+        };
+        let mut greeting = [0; 8];
+        stream.set_read_timeout(Some(Duration::from_secs(2))).is_ok()
+            && stream.read_exact(&mut greeting).is_ok()
+            && &greeting == b"SSH-2.0-"
+    }
+
+    fn has_ended(&mut self) -> bool {
+        !matches!(self.keeper.try_wait(), Ok(None))
+    }
+
+    fn said(&self) -> String {
+        std::fs::read_to_string(self.folder.path().join("qemu")).unwrap_or_default()
+    }
+
+    /// What QEMU said and the end of the console, for a message.
+    fn state(&self) -> String {
+        let console = std::fs::read(self.folder.path().join("console")).unwrap_or_default();
+        let console = String::from_utf8_lossy(&console);
+        let lines: Vec<&str> = console.lines().collect();
+        let tail = &lines[lines.len().saturating_sub(TAIL_LINES)..];
+        let mut text = String::new();
+        let _ = write!(
+            text,
+            "\nQEMU said:\n{}\nthe end of the console:\n{}",
+            self.said(),
+            tail.join("\n")
+        );
+        text
+    }
+}
+
+impl Drop for Guest {
+    fn drop(&mut self) {
+        drop(self.alive.take());
+        let _ = self.keeper.wait();
+        if let Some(connection) = &mut self.connection {
+            let _ = connection.kill();
+            let _ = connection.wait();
+        }
+    }
+}
+
+/// QEMU and its arguments. Two processors, since the workload keeps its loops apart; the disk is a temporary overlay
+/// that QEMU unlinks at once.
+fn machine(image: &Path, folder: &Path, port: u16) -> Vec<String> {
+    let image = image.display();
+    [
+        "qemu-system-x86_64 -nodefaults -no-user-config -no-reboot -display none",
+        "-accel tcg,thread=multi -cpu max -smp 2 -m 1024",
+        &format!("-kernel {image}/vmlinuz -initrd {image}/initrd"),
+        &format!("-drive file={image}/root.ext4,format=raw,if=virtio,snapshot=on,cache=unsafe"),
+        &format!("-netdev user,id=net,hostfwd=tcp:127.0.0.1:{port}-:22"),
+        "-device virtio-net-pci,netdev=net,romfile=",
+        "-object rng-random,filename=/dev/urandom,id=random -device virtio-rng-pci,rng=random",
+        &format!("-serial file:{}", folder.join("console").display()),
+    ]
+    .iter()
+    .flat_map(|words| words.split(' '))
+    .map(str::to_owned)
+    // The last words are one argument. An emulated processor leaks nothing to protect, and has none of these devices.
+    .chain([
+        "-append".to_owned(),
+        "root=/dev/vda rw console=ttyS0 net.ifnames=0 panic=-1 quiet mitigations=off \
+         modprobe.blacklist=ata_piix,ata_generic,kvm_amd,kvm_intel"
+            .to_owned(),
+    ])
+    .collect()
+}
+
+/// The folder with the image, made if need be.
+fn image() -> PathBuf {
+    let build = Path::new(env!("CARGO_MANIFEST_DIR")).join("guest/build");
+    let output = Command::new(&build)
+        .stdin(Stdio::null())
+        .stderr(Stdio::inherit())
+        .output()
+        .expect("tests/guest/build starts");
+    let said = String::from_utf8_lossy(&output.stdout);
+    assert!(
+        output.status.success(),
+        "the guest's image could not be made; {} said above what is missing",
+        build.display()
+    );
+    PathBuf::from(said.trim_end())
+}
+
+fn is_installed(program: &str) -> bool {
+    match Command::new(program)
+        .stdin(Stdio::null())
+        .stdout(Stdio::null())
+        .stderr(Stdio::null())
+        .arg("-version")
+        .status()
+    {
+        Ok(_) => true,
+        Err(error) => error.kind() != ErrorKind::NotFound,
+    }
+}
+
+/// A word as it stands, for the shell that `ssh` hands its line to.
+fn quoted(word: &str) -> String {
+    format!("'{}'", word.replace('\'', r"'\''"))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[rstest::rstest]
+    #[case("plain", "'plain'")]
+    #[case("two words", "'two words'")]
+    #[case("$HOME `id` \"x\"", "'$HOME `id` \"x\"'")]
+    #[case("it's", r"'it'\''s'")]
+    #[case("", "''")]
+    fn a_word_is_not_read_by_the_shell(#[case] word: &str, #[case] expected: &str) {
+        assert_eq!(quoted(word), expected);
+    }
+}
