@@ -27,7 +27,7 @@ use std::{
 use async_trait::async_trait;
 use reports::run_directory::Resource;
 use serde_json::{Map, Value};
-use workload::{record::progress::Progress, settings::Settings};
+use workload::{causes::with_causes, record::progress::Progress, settings::Settings};
 
 use crate::state_directory::StateDirectory;
 
@@ -59,7 +59,7 @@ impl Availability {
     #[must_use]
     pub fn prevented_by(error: ProviderError) -> Self {
         Self::Unavailable {
-            reason: error.with_causes(),
+            reason: with_causes(&error),
             fix: error.hint(),
         }
     }

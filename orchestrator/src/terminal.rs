@@ -5,7 +5,9 @@
 
 use std::{error::Error, io::Write};
 
-use crate::{exit::Exit, run::scenario::chain};
+use workload::causes::with_causes;
+
+use crate::exit::Exit;
 
 /// An error as a person gets it: what, because of what, what to do, and the exit code.
 #[derive(Debug)]
@@ -23,7 +25,7 @@ impl Complaint {
     #[must_use]
     pub fn new(exit: Exit, error: &dyn Error, hint: Option<String>) -> Self {
         Self {
-            what: chain(error),
+            what: with_causes(error),
             hint,
             exit,
         }

@@ -9,6 +9,7 @@
 //! behind is described in [`record`].
 
 pub mod capture;
+pub mod causes;
 pub mod controller;
 pub mod experiment;
 pub mod network;

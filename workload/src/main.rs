@@ -17,11 +17,12 @@ use std::{
 use clap::{Args, Parser, Subcommand};
 use nix::sys::signal::{SigSet, Signal};
 use workload::{
+    causes::with_causes,
     experiment::{self, Ending, ExperimentError, Reporter, Request},
     network,
     record::progress::Progress,
     settings::Settings,
-    survey::{self, with_causes},
+    survey,
 };
 
 const FAILED: u8 = 1;

@@ -3,7 +3,7 @@
 //!
 //! Sources: proc(5), os-release(5). Whatever cannot be read is `None`, since containers hide much of it.
 
-use std::{error::Error, fs, path::Path, thread};
+use std::{fs, path::Path, thread};
 
 use nix::{
     sched::{CpuSet, sched_getaffinity},
@@ -12,6 +12,7 @@ use nix::{
 };
 
 use crate::{
+    causes::with_causes,
     network, realtime,
     record::{
         self,
@@ -121,13 +122,6 @@ fn memory_check(settings: &Settings) -> Check {
         }),
         reason: grant.lock_refusal,
     }
-}
-
-/// An error and its causes, as one line.
-#[must_use]
-pub fn with_causes(error: &dyn Error) -> String {
-    let causes = std::iter::successors(error.source(), |cause: &&dyn Error| (*cause).source());
-    causes.fold(error.to_string(), |line, cause| format!("{line}: {cause}"))
 }
 
 /// Machine, release, version and node name.

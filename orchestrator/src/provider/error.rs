@@ -118,23 +118,6 @@ impl From<InstallError> for ProviderError {
 }
 
 impl ProviderError {
-    /// What went wrong and why, in one line.
-    #[must_use]
-    pub fn with_causes(&self) -> String {
-        let mut text = self.to_string();
-        let mut cause = self.source();
-        while let Some(error) = cause {
-            let words = error.to_string();
-            // Many an error repeats its cause's words.
-            if !text.contains(&words) {
-                text.push_str(": ");
-                text.push_str(&words);
-            }
-            cause = error.source();
-        }
-        text
-    }
-
     /// What to do about it, where that is known.
     #[must_use]
     pub fn hint(&self) -> Option<String> {

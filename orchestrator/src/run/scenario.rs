@@ -5,11 +5,11 @@
 //! of the experiment as *failed*. Data is never discarded before it was collected: when collecting fails, the
 //! environment stays for `matrix resume`.
 
-use std::{error::Error, fs, io, path::PathBuf};
+use std::{fs, io, path::PathBuf};
 
 use reports::run_directory::{Event, Outcome, PlannedScenario};
 use serde_json::json;
-use workload::record::progress::Progress;
+use workload::{causes::with_causes, record::progress::Progress};
 
 use super::{
     Run, RunError,
@@ -66,24 +66,8 @@ impl Ending {
                 run_directory.display()
             )),
         };
-        Self::of(Outcome::Errored, Some(chain(trouble)), hint)
+        Self::of(Outcome::Errored, Some(with_causes(trouble)), hint)
     }
-}
-
-/// An error with its causes in one line.
-pub(crate) fn chain(error: &dyn Error) -> String {
-    let mut text = error.to_string();
-    let mut cause = error.source();
-    while let Some(error) = cause {
-        let words = error.to_string();
-        // Some libraries repeat their source in their own words.
-        if !text.ends_with(&words) {
-            text.push_str(": ");
-            text.push_str(&words);
-        }
-        cause = error.source();
-    }
-    text
 }
 
 impl Run<'_> {

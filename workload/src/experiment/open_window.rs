@@ -13,6 +13,7 @@ use super::{
 };
 use crate::{
     capture::CapturedWindow,
+    causes::with_causes,
     record::{
         self,
         control_log::ControlRow,
@@ -133,10 +134,9 @@ impl OpenWindow {
             self.captures_to_come = self.captures_to_come.saturating_sub(1);
             match &captured.outcome {
                 Ok(record) => self.captures.push(record.clone()),
-                Err(error) => self.capture_failures.push(format!(
-                    "A capture failed: {}.",
-                    crate::survey::with_causes(error)
-                )),
+                Err(error) => self
+                    .capture_failures
+                    .push(format!("A capture failed: {}.", with_causes(error))),
             }
         }
     }
