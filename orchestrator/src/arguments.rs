@@ -53,6 +53,26 @@ pub enum Command {
     Completions(CompletionsArguments),
 }
 
+impl Command {
+    /// Whether its result is for a program.
+    #[must_use]
+    pub fn wants_json(&self) -> bool {
+        let output = match self {
+            Self::Check(arguments) => arguments.output,
+            Self::Plan(arguments) => arguments.output,
+            Self::Run(arguments) => arguments.output,
+            Self::Resume(arguments) => arguments.output,
+            Self::Status(arguments) => arguments.output,
+            Self::Report(arguments) => arguments.output,
+            Self::Ks(arguments) => arguments.output,
+            Self::Clean(arguments) => arguments.output,
+            Self::Doctor(arguments) => arguments.output,
+            Self::Schema | Self::Completions(_) => OutputArguments::default(),
+        };
+        output.json
+    }
+}
+
 /// Which scenarios, and in which order.
 #[derive(Debug, Clone, Default, Args)]
 pub struct SelectionArguments {

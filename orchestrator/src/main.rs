@@ -21,7 +21,11 @@ fn main() -> ExitCode {
     let exit = runtime
         .block_on(command::execute(&arguments.command))
         .unwrap_or_else(|complaint| {
-            terminal::complain(&complaint);
+            // Whoever asked for JSON reads one answer, and finds it where the result would be.
+            match arguments.command.wants_json() {
+                true => terminal::json(&complaint.to_json()),
+                false => terminal::complain(&complaint),
+            }
             complaint.exit
         });
     // A thread that still waits for a lease must not keep the process alive.

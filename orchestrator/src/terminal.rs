@@ -5,19 +5,42 @@
 
 use std::{error::Error, io::Write};
 
+use annotate_snippets::Renderer;
+use serde_json::{Value, json};
 use workload::causes::with_causes;
 
-use crate::exit::Exit;
+use crate::{exit::Exit, matrix_file::Diagnostics};
 
 /// An error as a person gets it: what, because of what, what to do, and the exit code.
 #[derive(Debug)]
 pub struct Complaint {
-    /// What failed, with its causes; several lines where a file is quoted.
-    pub what: String,
+    /// What failed.
+    pub what: What,
     /// What to do about it.
     pub hint: Option<String>,
     /// The exit code.
     pub exit: Exit,
+}
+
+/// What a complaint is about.
+#[derive(Debug)]
+pub enum What {
+    /// Something failed; with its causes, in one line.
+    Failure(String),
+    /// What a person wrote is wrong, in these places.
+    Mistakes(Diagnostics),
+}
+
+impl From<String> for What {
+    fn from(failure: String) -> Self {
+        Self::Failure(failure)
+    }
+}
+
+impl From<&str> for What {
+    fn from(failure: &str) -> Self {
+        Self::Failure(failure.to_owned())
+    }
 }
 
 impl Complaint {
@@ -25,20 +48,41 @@ impl Complaint {
     #[must_use]
     pub fn new(exit: Exit, error: &dyn Error, hint: Option<String>) -> Self {
         Self {
-            what: with_causes(error),
+            what: What::Failure(with_causes(error)),
             hint,
             exit,
         }
     }
 
-    /// That brings its own layout, as diagnostics of a file do.
+    /// Of what a person wrote.
     #[must_use]
-    pub fn quoting(exit: Exit, text: String) -> Self {
+    pub fn of_mistakes(mistakes: Diagnostics) -> Self {
         Self {
-            what: text,
+            what: What::Mistakes(mistakes),
             hint: None,
-            exit,
+            exit: Exit::Wrong,
         }
+    }
+
+    /// As a program reads it, in the place of the result that it asked for.
+    #[must_use]
+    pub fn to_json(&self) -> Value {
+        let mistakes = match &self.what {
+            What::Failure(_) => None,
+            What::Mistakes(mistakes) => Some(mistakes),
+        };
+        // The errors come before the warnings.
+        let first = mistakes.and_then(|mistakes| mistakes.iter().next());
+        json!({
+            "ok": false,
+            "exit_code": self.exit.code(),
+            "message": match &self.what {
+                What::Failure(failure) => failure.as_str(),
+                What::Mistakes(_) => first.map_or("", |first| first.message.as_str()),
+            },
+            "hint": first.map_or(&self.hint, |first| &first.help),
+            "diagnostics": mistakes.map_or_else(|| json!([]), Diagnostics::to_json),
+        })
     }
 }
 
@@ -54,7 +98,7 @@ pub fn result(text: &str) {
 }
 
 /// Prints a result as JSON.
-pub fn json(value: &serde_json::Value) {
+pub fn json(value: &Value) {
     result(&format!("{value:#}"));
 }
 
@@ -63,12 +107,18 @@ pub fn remark(text: &str) {
     let _ = writeln!(std::io::stderr().lock(), "{text}");
 }
 
+/// Prints what is wrong with a file, in colours where standard error is a terminal and the environment does not say
+/// `NO_COLOR`.
+pub fn mistakes(found: &Diagnostics) {
+    let mut err = anstream::AutoStream::auto(std::io::stderr().lock());
+    let _ = writeln!(err, "{}", found.render(&Renderer::styled()).trim_end());
+}
+
 /// Prints an error.
 pub fn complain(complaint: &Complaint) {
-    match complaint.what.contains('\n') {
-        // Diagnostics say themselves what they are, line by line.
-        true => remark(complaint.what.trim_end()),
-        false => remark(&format!("error: {}", complaint.what)),
+    match &complaint.what {
+        What::Failure(failure) => remark(&format!("error: {failure}")),
+        What::Mistakes(found) => mistakes(found),
     }
     if let Some(hint) = &complaint.hint {
         remark(&format!("  hint: {hint}"));

@@ -1,5 +1,8 @@
 //! Whatever is wrong with what a user gives: one clear error, exit code 2, nothing overwritten, no panic.
 
+use std::{fs::File, io::Read, process::Stdio};
+
+use nix::pty::openpty;
 use rstest::rstest;
 use tests::{Ran, Workplace};
 
@@ -29,6 +32,68 @@ fn a_wrong_matrix_file_is_refused_at_its_place(#[case] text: &str, #[case] words
         refused(&workplace.run(&[command, "m.yaml"]), words);
     }
     assert!(!workplace.path().join("runs").exists(), "nothing was created");
+}
+
+#[test]
+fn whoever_asks_for_json_gets_the_mistakes_as_json() {
+    let workplace = Workplace::new();
+    workplace.write("m.yaml", "matirx: {}\nworkload:\n  window: 6000\n");
+    let ran = workplace.run(&["check", "m.yaml", "--json"]);
+    assert_eq!((ran.code, ran.err.as_str()), (Some(2), ""), "{ran:?}");
+    insta::assert_snapshot!(ran.out);
+    for command in ["plan", "run"] {
+        let other = workplace.run(&[command, "m.yaml", "--json"]);
+        assert_eq!((other.code, other.out), (ran.code, ran.out.clone()));
+    }
+}
+
+#[rstest]
+#[case::report(&["report", "nowhere"], "nowhere")]
+#[case::resume(&["resume", "nowhere"], "nowhere")]
+#[case::status(&["status", "nowhere"], "nowhere")]
+#[case::ks(&["ks", "x", "y"], "x")]
+fn whoever_asks_for_json_gets_a_failure_as_json(#[case] arguments: &[&str], #[case] named: &str) {
+    let workplace = Workplace::new();
+    let failure = workplace.json(arguments);
+    assert_eq!(
+        (&failure["ok"], &failure["exit_code"]),
+        (&false.into(), &2.into())
+    );
+    assert!(
+        failure["message"].as_str().unwrap().contains(named),
+        "{failure:#}"
+    );
+    assert!(failure["hint"].is_string(), "{failure:#}");
+}
+
+/// What a wrong file looks like on a terminal of its own, with one more variable in the environment.
+fn on_a_terminal(variable: (&str, &str)) -> String {
+    let workplace = Workplace::new();
+    workplace.write("m.yaml", "matirx: {}\n");
+    let terminal = openpty(None, None).unwrap();
+    let mut command = workplace.matrix(["check", "m.yaml"]);
+    for name in ["NO_COLOR", "CLICOLOR", "CLICOLOR_FORCE"] {
+        command.env_remove(name);
+    }
+    command.env("TERM", "xterm-256color").env(variable.0, variable.1);
+    let status = command.stderr(Stdio::from(terminal.slave)).status().unwrap();
+    assert_eq!(status.code(), Some(2));
+    // The other end must be closed for the reading to end, and then the kernel says EIO.
+    drop(command);
+    let mut shown = Vec::new();
+    let _ = File::from(terminal.master).read_to_end(&mut shown);
+    String::from_utf8(shown).unwrap()
+}
+
+#[test]
+fn a_terminal_shows_mistakes_in_colours_unless_it_was_asked_not_to() {
+    let coloured = on_a_terminal(("LANG", "C.UTF-8"));
+    assert!(
+        coloured.contains("matirx") && coloured.contains('\u{1b}'),
+        "{coloured:?}"
+    );
+    let plain = on_a_terminal(("NO_COLOR", "1"));
+    assert!(plain.contains("matirx") && !plain.contains('\u{1b}'), "{plain:?}");
 }
 
 #[test]

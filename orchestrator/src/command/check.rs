@@ -20,7 +20,7 @@ pub struct CheckArguments {
     #[command(flatten)]
     selection: SelectionArguments,
     #[command(flatten)]
-    output: OutputArguments,
+    pub(crate) output: OutputArguments,
 }
 
 /// Checks and says so.

@@ -5,6 +5,7 @@
 
 use clap::Args;
 use serde_json::json;
+use workload::causes::with_causes;
 
 use crate::{
     arguments::OutputArguments,
@@ -21,7 +22,7 @@ pub struct CleanArguments {
     #[arg(long)]
     dry_run: bool,
     #[command(flatten)]
-    output: OutputArguments,
+    pub(crate) output: OutputArguments,
 }
 
 /// One leftover and what became of it.
@@ -44,6 +45,13 @@ impl Fate {
             Self::Listed => "left behind",
             Self::Removed => "removed",
             Self::Refused(_) => "could not be removed",
+        }
+    }
+
+    fn refusal(&self) -> Option<&ProviderError> {
+        match self {
+            Self::Refused(error) => Some(error),
+            Self::InUse | Self::Listed | Self::Removed => None,
         }
     }
 }
@@ -81,6 +89,7 @@ pub async fn execute(arguments: &CleanArguments) -> Result<Exit, Complaint> {
                 "scenario": found.leftover.scenario,
                 "running": found.leftover.running,
                 "fate": found.fate.word(),
+                "reason": found.fate.refusal().map(|error| with_causes(error)),
             })).collect::<Vec<_>>(),
             "not_asked": silent.iter().map(|(name, error)| json!({
                 "provider": name, "reason": error.to_string(),
@@ -94,11 +103,10 @@ pub async fn execute(arguments: &CleanArguments) -> Result<Exit, Complaint> {
             terminal::remark(&format!("{name} could not be asked: {error}"));
         }
     }
-    match found.into_iter().find_map(|found| match found.fate {
-        Fate::Refused(error) => Some(error),
-        Fate::InUse | Fate::Listed | Fate::Removed => None,
-    }) {
-        Some(error) => Err(Complaint::new(Exit::Infrastructure, &error, error.hint())),
+    match found.iter().find_map(|found| found.fate.refusal()) {
+        // The list has it already.
+        Some(_) if arguments.output.json => Ok(Exit::Infrastructure),
+        Some(error) => Err(Complaint::new(Exit::Infrastructure, error, error.hint())),
         None => Ok(Exit::Done),
     }
 }

@@ -21,7 +21,7 @@ use crate::{
 #[derive(Debug, Args)]
 pub struct DoctorArguments {
     #[command(flatten)]
-    output: OutputArguments,
+    pub(crate) output: OutputArguments,
 }
 
 /// Asks every provider, and the workload itself, and prints what they say.

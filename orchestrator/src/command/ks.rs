@@ -20,7 +20,7 @@ pub struct KsArguments {
     /// The other.
     y: PathBuf,
     #[command(flatten)]
-    output: OutputArguments,
+    pub(crate) output: OutputArguments,
 }
 
 /// Compares and prints.
@@ -52,7 +52,7 @@ pub fn execute(arguments: &KsArguments) -> Result<Exit, Complaint> {
 
 fn read(path: &Path) -> Result<Vec<f64>, Complaint> {
     let wrong = |what: String, hint: &str| Complaint {
-        what: format!("{}: {what}", path.display()),
+        what: format!("{}: {what}", path.display()).into(),
         hint: Some(hint.to_owned()),
         exit: Exit::Wrong,
     };

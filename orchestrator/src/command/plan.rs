@@ -6,14 +6,13 @@ use std::{
     time::Duration,
 };
 
-use annotate_snippets::Renderer;
 use clap::Args;
 use serde_json::{Value, json};
 
 use crate::{
     arguments::{OutputArguments, SelectionArguments},
     exit::Exit,
-    matrix_file::{Diagnostics, MatrixFile},
+    matrix_file::MatrixFile,
     plan::{self, Plan, Selection},
     survey,
     terminal::{self, Complaint},
@@ -27,7 +26,7 @@ pub struct PlanArguments {
     #[command(flatten)]
     selection: SelectionArguments,
     #[command(flatten)]
-    output: OutputArguments,
+    pub(crate) output: OutputArguments,
 }
 
 /// A matrix file and its plan for the hosts as they are now.
@@ -61,21 +60,17 @@ pub async fn plan(
     selection: &SelectionArguments,
     output: OutputArguments,
 ) -> Result<Planned, Complaint> {
-    let file = MatrixFile::read(path, selection.profile.as_deref()).map_err(|found| wrong(&found))?;
+    let file = MatrixFile::read(path, selection.profile.as_deref()).map_err(Complaint::of_mistakes)?;
     let facts = survey::survey(&file).await;
     let selected = Selection {
         only: selection.only.clone(),
         skip: selection.skip.clone(),
     };
-    let plan = plan::plan(&file, &facts, &selected, selection.seed).map_err(|found| wrong(&found))?;
+    let plan = plan::plan(&file, &facts, &selected, selection.seed).map_err(Complaint::of_mistakes)?;
     if !plan.warnings.is_empty() && !output.quiet {
-        terminal::remark(plan.warnings.render(&Renderer::plain()).trim_end());
+        terminal::mistakes(&plan.warnings);
     }
     Ok(Planned { file, plan })
-}
-
-fn wrong(found: &Diagnostics) -> Complaint {
-    Complaint::quoting(Exit::Wrong, found.render(&Renderer::plain()))
 }
 
 /// The plan as JSON.

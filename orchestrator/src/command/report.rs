@@ -27,7 +27,7 @@ pub struct ReportArguments {
     #[arg(long, value_name = "N")]
     discard_periods: Option<u32>,
     #[command(flatten)]
-    output: OutputArguments,
+    pub(crate) output: OutputArguments,
 }
 
 fn metric(name: &str) -> Result<Metric, String> {
@@ -44,7 +44,7 @@ pub fn execute(arguments: &ReportArguments) -> Result<Exit, Complaint> {
     if let Some(alpha) = arguments.alpha {
         if !(alpha > 0.0 && alpha < 1.0) {
             return Err(Complaint {
-                what: format!("{alpha} is not a level"),
+                what: format!("{alpha} is not a level").into(),
                 hint: Some("give a number between 0 and 1, such as `--alpha 0.001`".to_owned()),
                 exit: Exit::Wrong,
             });

@@ -24,7 +24,7 @@ pub struct ResumeArguments {
     #[arg(long)]
     dry_run: bool,
     #[command(flatten)]
-    output: OutputArguments,
+    pub(crate) output: OutputArguments,
 }
 
 /// Goes on and reports.

@@ -37,7 +37,7 @@ pub struct RunArguments {
     #[arg(long)]
     dry_run: bool,
     #[command(flatten)]
-    output: OutputArguments,
+    pub(crate) output: OutputArguments,
 }
 
 /// Measures and reports.
@@ -60,7 +60,7 @@ pub async fn execute(arguments: &RunArguments) -> Result<Exit, Complaint> {
     let record = &planned.plan.record;
     if record.order.is_empty() {
         return Err(Complaint {
-            what: "no scenario can run here".to_owned(),
+            what: "no scenario can run here".into(),
             hint: Some("`matrix doctor` says what is missing and how to get it".to_owned()),
             exit: Exit::Infrastructure,
         });

@@ -21,7 +21,7 @@ pub struct StatusArguments {
     /// The run directory.
     run: PathBuf,
     #[command(flatten)]
-    output: OutputArguments,
+    pub(crate) output: OutputArguments,
 }
 
 /// Prints it.

@@ -32,7 +32,7 @@ impl RecordedRun {
         path.canonicalize()
             .map(RunDirectory::new)
             .map_err(|error| Complaint {
-                what: format!("cannot open the run directory {}: {error}", path.display()),
+                what: format!("cannot open the run directory {}: {error}", path.display()).into(),
                 hint: Some(
                     "give the folder that `matrix run` made, such as `runs/20260101-120000`".to_owned(),
                 ),
@@ -62,7 +62,7 @@ impl RecordedRun {
     /// When it exists already or cannot be written.
     pub fn create(path: &Path, manifest: &Manifest, plan: &PlanRecord) -> Result<RunDirectory, Complaint> {
         let failed = |doing: &str, path: &Path, error: &std::io::Error| Complaint {
-            what: format!("cannot {doing} {}: {error}", path.display()),
+            what: format!("cannot {doing} {}: {error}", path.display()).into(),
             hint: Some("give another folder with `--out`".to_owned()),
             exit: Exit::Infrastructure,
         };

@@ -42,7 +42,8 @@ pub fn lock(directory: &RunDirectory) -> Result<Lease, Complaint> {
                 "{} is being worked on by {}",
                 directory.path().display(),
                 holder.map_or_else(|| "another process".to_owned(), |holder| holder.to_string())
-            ),
+            )
+            .into(),
             hint: Some("wait for it, or end it with Ctrl-C and `matrix resume`".to_owned()),
             exit: Exit::Infrastructure,
         }),
