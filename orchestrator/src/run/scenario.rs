@@ -31,6 +31,16 @@ enum Trouble {
     Collection(#[from] CollectionError),
     #[error("cannot write into the run directory")]
     RunDirectory(#[from] io::Error),
+    /// The first of two failures is the one to mend: the second may well be its consequence.
+    #[error(
+        "{}; what there was of the environment could not be removed: {}",
+        with_causes(first),
+        with_causes(second)
+    )]
+    NotRemoved {
+        first: ProviderError,
+        second: Box<Trouble>,
+    },
     #[error("`{environment}` of {} still measures on this host", run_directory.display())]
     StillMeasuring {
         environment: String,
@@ -65,6 +75,13 @@ impl Ending {
                 "`matrix resume {}` goes on with it, `matrix clean` removes it",
                 run_directory.display()
             )),
+            Trouble::NotRemoved { first, .. } => {
+                let clean = "`matrix clean` removes what is left".to_owned();
+                Some(match first.hint() {
+                    Some(hint) => format!("{hint}; {clean}"),
+                    None => clean,
+                })
+            }
         };
         Self::of(Outcome::Errored, Some(with_causes(trouble)), hint)
     }
@@ -141,10 +158,14 @@ impl Run<'_> {
                 })?;
                 self.measure(provider.as_ref(), environment, &request).await
             }
-            Err(error) => {
-                self.remove_remains(provider.as_ref(), &request).await?;
-                Err(error.into())
-            }
+            Err(first) => match self.remove_remains(provider.as_ref(), &request).await {
+                Ok(()) => Err(first.into()),
+                Err(Trouble::Journal(error)) => Err(error.into()),
+                Err(second) => Err(Trouble::NotRemoved {
+                    first,
+                    second: Box::new(second),
+                }),
+            },
         }
     }
 
@@ -426,3 +447,6 @@ impl Run<'_> {
         })?)
     }
 }
+
+#[cfg(test)]
+mod tests;
