@@ -5,10 +5,13 @@
 //! of the experiment as *failed*. Data is never discarded before it was collected: when collecting fails, the
 //! environment stays for `matrix resume`.
 
-use std::{fs, io, path::PathBuf};
+use std::{
+    fs, io,
+    path::{Path, PathBuf},
+};
 
-use reports::run_directory::{Event, Outcome, PlannedScenario};
-use serde_json::json;
+use reports::run_directory::{EnvironmentRecord, Event, Outcome, PlannedScenario};
+use serde::de::DeserializeOwned;
 use workload::{causes::with_causes, record::progress::Progress};
 
 use super::{
@@ -85,6 +88,11 @@ impl Ending {
         };
         Self::of(Outcome::Errored, Some(with_causes(trouble)), hint)
     }
+}
+
+/// What a file of JSON says, if it is there and says it: facts that are missing must not cost any windows.
+fn read_json<T: DeserializeOwned>(path: &Path) -> Option<T> {
+    serde_json::from_slice(&fs::read(path).ok()?).ok()
 }
 
 impl Run<'_> {
@@ -386,24 +394,21 @@ impl Run<'_> {
         provider: &dyn Provider,
         environment: &dyn Environment,
         request: &EnvironmentRequest,
-        folder: &std::path::Path,
+        folder: &Path,
     ) -> Result<(), Trouble> {
-        let platform = fs::read(folder.join("environment.json"))
-            .ok()
-            .and_then(|text| serde_json::from_slice::<serde_json::Value>(&text).ok());
-        let record = json!({
-            "environment": request.environment,
-            "provider": provider.name(),
-            "host": request.host,
-            "facts": environment.facts(),
-            "platform": platform,
-        });
+        let record = EnvironmentRecord {
+            environment: request.environment.clone(),
+            provider: provider.name().to_owned(),
+            host: request.host.clone(),
+            facts: environment.facts(),
+            platform: read_json(&folder.join("environment.json")),
+        };
         let path = self.directory.environment(&request.scenario);
-        let earlier = fs::read(&path)
-            .ok()
-            .and_then(|text| serde_json::from_slice::<serde_json::Value>(&text).ok())
-            .and_then(|earlier| earlier["environment"].as_str().map(str::to_owned));
-        if let Some(earlier) = earlier.filter(|earlier| *earlier != request.environment) {
+        if let Some(EnvironmentRecord {
+            environment: earlier, ..
+        }) = read_json(&path)
+            && earlier != request.environment
+        {
             fs::rename(&path, path.with_file_name(format!("environment-{earlier}.json")))?;
         }
         let mut text = serde_json::to_vec_pretty(&record).map_err(io::Error::from)?;
