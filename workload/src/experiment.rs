@@ -22,6 +22,7 @@ mod error;
 mod lateness;
 mod loop_threads;
 mod loops;
+mod master;
 mod message;
 mod open_window;
 mod recorder;
@@ -49,12 +50,17 @@ use self::{
     recorder::{Recorder, Sources},
     schedule::Schedule,
 };
-pub use self::{error::ExperimentError, recorder::Ending, reporter::Reporter};
+pub use self::{
+    error::ExperimentError, master::survey as survey_master, recorder::Ending, reporter::Reporter,
+};
 use crate::{
     capture::Capture,
     network::{self, Network},
     realtime::{lock_memory, monotonic_ns},
-    record::{platform::RealtimeGrant, progress::Progress},
+    record::{
+        platform::{PlatformRecord, RealtimeGrant, RosMasterRecord},
+        progress::Progress,
+    },
     settings::{ImpairedFrom, Settings},
     survey,
     virtual_host::VirtualHost,
@@ -142,8 +148,15 @@ fn start_captures(
 /// Writes `environment.json`.
 fn record_platform(request: &Request, grant: RealtimeGrant) -> Result<(), ExperimentError> {
     let path = request.data.join("environment.json");
-    window_folder::write_whole(&path, &survey::platform(grant))
-        .map_err(|source| ExperimentError::Write { path, source })
+    let program = request.settings.ros.master;
+    let platform = PlatformRecord {
+        ros_master: Some(RosMasterRecord {
+            program,
+            version: master::version(program),
+        }),
+        ..survey::platform(grant)
+    };
+    window_folder::write_whole(&path, &platform).map_err(|source| ExperimentError::Write { path, source })
 }
 
 /// Chooses the experiment's zero, begins the loops and records them to their end.

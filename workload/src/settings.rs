@@ -200,6 +200,8 @@ pub enum NetworkBackend {
 #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 #[serde(deny_unknown_fields, default)]
 pub struct RosSettings {
+    /// Which program is the ROS master on `h1`.
+    pub master: RosMaster,
     /// Whether our subscribers ask for TCP_NODELAY. ROS 1 does not unless told to; at 40 ms round trip Nagle and
     /// delayed acknowledgements are first-order effects.
     pub tcp_nodelay: bool,
@@ -207,8 +209,22 @@ pub struct RosSettings {
 
 impl Default for RosSettings {
     fn default() -> Self {
-        Self { tcp_nodelay: true }
+        Self {
+            master: RosMaster::Embedded,
+            tcp_nodelay: true,
+        }
     }
+}
+
+/// Which program is the ROS master.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
+#[serde(rename_all = "lowercase")]
+pub enum RosMaster {
+    /// The workload's own: nothing has to be installed.
+    Embedded,
+    /// ROS's, as Debian packages it (`python3-rosmaster`), started and ended with the run.
+    Rosmaster,
 }
 
 /// What is captured on each virtual host.

@@ -13,7 +13,7 @@ use nix::{
 
 use crate::{
     causes::with_causes,
-    network, realtime,
+    experiment, network, realtime,
     record::{
         self,
         check::{Check, CheckRecord},
@@ -56,6 +56,7 @@ pub fn platform(realtime: RealtimeGrant) -> PlatformRecord {
         load_1min: read("/proc/loadavg").and_then(|text| text.split(' ').next()?.parse().ok()),
         hypervisor: hypervisor(&cpu_info),
         workload_version: VERSION.to_owned(),
+        ros_master: None,
         realtime,
     }
 }
@@ -73,6 +74,7 @@ pub fn check(settings: &Settings, namespace_root: Result<(), network::NetworkErr
             reason: network.as_ref().err().map(|error| with_causes(error)),
             fix: network.as_ref().err().and_then(network::NetworkError::hint),
         },
+        master_check(settings),
         priority_check(settings),
         memory_check(settings),
     ];
@@ -81,6 +83,20 @@ pub fn check(settings: &Settings, namespace_root: Result<(), network::NetworkErr
         workload_version: VERSION.to_owned(),
         can_run: checks.iter().all(|check| check.available || !check.required),
         checks,
+    }
+}
+
+fn master_check(settings: &Settings) -> Check {
+    let found = experiment::survey_master(settings.ros.master);
+    Check {
+        name: "ros-master".into(),
+        required: true,
+        available: found.is_ok(),
+        reason: found.as_ref().err().map(|error| with_causes(error)),
+        fix: found
+            .as_ref()
+            .err()
+            .and_then(|error| error.hint().map(str::to_owned)),
     }
 }
 

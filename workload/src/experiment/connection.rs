@@ -2,7 +2,6 @@
 //! [`Connection`].
 
 use std::{
-    net::TcpListener,
     sync::{
         Arc,
         atomic::{AtomicBool, Ordering},
@@ -13,22 +12,17 @@ use std::{
 
 use super::{
     error::ExperimentError,
+    master::{self, RunningMaster},
     message::{COMMAND_TOPIC, STATE_TOPIC},
     slot::{self, CommandReader, StateReader},
 };
 use crate::{
     network::Network,
     realtime::priority::request_fifo,
-    ros::{
-        Master, Node, NodeConfig, Notices, Publisher, RosError, Subscription,
-        float64_multi_array::MESSAGE_TYPE,
-    },
+    ros::{Node, NodeConfig, Notices, Publisher, RosError, Subscription, float64_multi_array::MESSAGE_TYPE},
     settings::Settings,
     virtual_host::VirtualHost,
 };
-
-/// The ROS master's usual port.
-const MASTER_PORT: u16 = 11311;
 
 /// How long the nodes have to find each other: several lost packets in a row, each retried after a second or more.
 const PATIENCE: Duration = Duration::from_secs(60);
@@ -38,7 +32,7 @@ const LOOK_UP: Duration = Duration::from_millis(250);
 
 /// Master and nodes, connected. The loops take the ends of the topics.
 pub struct Connection {
-    master: Master,
+    master: Box<dyn RunningMaster>,
     plant: Side<CommandReader>,
     controller: Side<StateReader>,
 }
@@ -58,7 +52,7 @@ pub type ControllerEnds = (Publisher, StateReader);
 
 /// What is left of a connection when the loops have their ends; dropped or shut down when they are done.
 pub struct Nodes {
-    master: Master,
+    master: Box<dyn RunningMaster>,
     nodes: [Node; 2],
     _subscriptions: [Subscription; 2],
 }
@@ -74,13 +68,7 @@ impl Connection {
         stop: &AtomicBool,
     ) -> Result<Option<Self>, ExperimentError> {
         let master = on_host(network, VirtualHost::H1, || {
-            let listener = TcpListener::bind((VirtualHost::H1.address(), MASTER_PORT)).map_err(|source| {
-                ExperimentError::MasterPort {
-                    host: VirtualHost::H1,
-                    source,
-                }
-            })?;
-            Ok(Master::start(listener, Notices::ignored())?)
+            master::start(settings.ros.master, Notices::ignored())
         })?;
         let uri = master.uri();
         let (plant, controller) = thread::scope(|scope| {

@@ -81,14 +81,18 @@ impl ExperimentError {
 
     /// Whether the platform did not offer what is needed, rather than the experiment itself having gone wrong.
     #[must_use]
-    pub const fn is_of_platform(&self) -> bool {
+    pub fn is_of_platform(&self) -> bool {
         match self {
             Self::Network(_)
             | Self::Capture(_)
             | Self::MasterPort { .. }
             | Self::Thread { .. }
             | Self::Write { .. } => true,
-            Self::Ros(_) | Self::ThreadEnded { .. } | Self::Taken { .. } => false,
+            Self::Ros(error) => matches!(
+                error,
+                RosError::NoRosmaster { .. } | RosError::RosmasterEnded { .. }
+            ),
+            Self::ThreadEnded { .. } | Self::Taken { .. } => false,
         }
     }
 }

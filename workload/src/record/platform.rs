@@ -3,6 +3,8 @@
 
 use serde::{Deserialize, Serialize};
 
+use crate::settings::RosMaster;
+
 /// The platform as the workload sees it.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct PlatformRecord {
@@ -40,8 +42,20 @@ pub struct PlatformRecord {
     pub hypervisor: Option<bool>,
     /// The workload's version.
     pub workload_version: String,
+    /// The ROS master that was used, as the workload of a run knows it.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub ros_master: Option<RosMasterRecord>,
     /// What the operating system granted of what the loops asked for.
     pub realtime: RealtimeGrant,
+}
+
+/// The ROS master of a run.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
+pub struct RosMasterRecord {
+    /// Which program it is.
+    pub program: RosMaster,
+    /// Its version: the workload's own for the embedded one.
+    pub version: Option<String>,
 }
 
 /// What was granted of the real-time wishes. Never silently absent: a refusal carries the kernel's words.

@@ -47,6 +47,18 @@ pub enum RosError {
         /// How the last attempt failed.
         reason: String,
     },
+    /// Debian's rosmaster was asked for and is not there, or cannot run.
+    #[error("there is no usable rosmaster: {reason}")]
+    NoRosmaster {
+        /// What was tried.
+        reason: String,
+    },
+    /// Debian's rosmaster ended at once.
+    #[error("rosmaster ended: {words}")]
+    RosmasterEnded {
+        /// How, and what it said.
+        words: String,
+    },
     /// The master answered, and refused.
     #[error("the ROS master refused {call} of {topic}: {reason}")]
     Refused {
@@ -98,6 +110,10 @@ impl RosError {
             Self::BadUri { .. } => Some("write it as `http://10.0.0.1:11311/`"),
             Self::Taken { .. } => Some("drop the first one before making another"),
             Self::MasterUnreachable { .. } => Some("start the master first, and check the links to its host"),
+            Self::NoRosmaster { .. } => Some(super::rosmaster::INSTALL),
+            Self::RosmasterEnded { .. } => {
+                Some("run `rosmaster --core` by hand to see what it lacks, or use `ros.master: embedded`")
+            }
             Self::Refused { .. } => Some("see the master's own log"),
             Self::NotConnected { .. } => {
                 Some("the notices of the node say which connections were tried and how they failed")

@@ -3,6 +3,7 @@
 mod membership;
 mod registration;
 mod slave;
+mod watch;
 mod welcome;
 
 use std::{
@@ -131,6 +132,7 @@ impl Node {
         let api = Arc::new(Slave(Arc::clone(&membership)));
         serve(slave_listener, &crew, &config.notices, api).map_err(failed)?;
         welcome::serve(topic_listener, &membership).map_err(failed)?;
+        watch::begin(&membership)?;
         Ok(Self {
             membership,
             receiver_setup: ReceiverSetup(config.receiver_setup),

@@ -71,6 +71,12 @@ pub enum Notice {
         /// How.
         reason: String,
     },
+    /// The master had ended, and another one did not know this node.
+    #[error("{node} has registered with the master that came after")]
+    RegisteredAgain {
+        /// The node.
+        node: String,
+    },
     /// An XML-RPC connection was refused or closed: malformed, too large, too slow, too many.
     #[error("closed an XML-RPC connection from {peer}: {reason}")]
     CallerRefused {
@@ -96,6 +102,12 @@ pub enum Notice {
         node: String,
         /// Why.
         reason: String,
+    },
+    /// The rosmaster that was started ended by itself. It is started again, and the nodes register again.
+    #[error("rosmaster ended and is started again: {words}")]
+    MasterEnded {
+        /// How it ended and what it said.
+        words: String,
     },
     /// The operating system refused a thread or a socket for a connection.
     #[error("cannot {what}: {reason}")]

@@ -2,6 +2,7 @@
 //! threads hold.
 
 mod inlet;
+mod registration;
 
 use std::{
     collections::BTreeMap,
@@ -10,10 +11,8 @@ use std::{
     time::Duration,
 };
 
-use self::inlet::Inlet;
-use super::{
-    MessageType, Notice, Notices, RosError, ThreadSetup, connections::Connections, crew::Crew, stop::Stop,
-};
+use self::{inlet::Inlet, registration::Registration};
+use super::{MessageType, Notice, Notices, RosError, ThreadSetup, connections::Connections, crew::Crew};
 
 /// Publishers of one topic that are connected to; the experiment has one.
 const MOST_PUBLISHERS: usize = 32;
@@ -74,8 +73,8 @@ pub(super) struct Intake {
 /// The publishers that are connected to, or will be.
 #[derive(Debug, Default)]
 pub(super) struct Publishers {
-    /// By slave API; what ends the thread for it.
-    inlets: BTreeMap<String, Stop>,
+    /// By slave API; what the thread for it is told by.
+    inlets: BTreeMap<String, Arc<Registration>>,
     /// Whether the master has called with an update.
     updated: bool,
     closed: bool,
@@ -91,9 +90,15 @@ impl fmt::Debug for Intake {
 
 impl Intake {
     /// The publishers as the master has them now.
+    ///
+    /// A connection that works is not ended by it, as its publisher ends it when it unregisters: after a restart a
+    /// master knows only those publishers that have registered again so far.
     pub fn update(self: &Arc<Self>, publishers: &[String]) {
         let mut current = self.lock();
         current.updated = true;
+        current
+            .inlets
+            .retain(|publisher, registration| publishers.contains(publisher) || !registration.withdraw());
         self.connect_to(&mut current, publishers);
     }
 
@@ -105,12 +110,17 @@ impl Intake {
         }
     }
 
+    /// Publishers that a master knows which may not know all of them yet.
+    pub fn add(self: &Arc<Self>, publishers: &[String]) {
+        self.connect_to(&mut self.lock(), publishers);
+    }
+
     /// Ends all connections for good.
     pub fn close(&self) {
         let mut current = self.lock();
         current.closed = true;
-        for stop in std::mem::take(&mut current.inlets).into_values() {
-            stop.raise();
+        for registration in std::mem::take(&mut current.inlets).into_values() {
+            registration.stop.raise();
         }
     }
 
@@ -127,19 +137,15 @@ impl Intake {
         if current.closed {
             return;
         }
-        current.inlets.retain(|publisher, stop| {
-            let stays = publishers.contains(publisher);
-            if !stays {
-                stop.raise();
-            }
-            stays
-        });
         for publisher in publishers.iter().take(MOST_PUBLISHERS) {
-            if current.inlets.contains_key(publisher) {
+            let taken = current.inlets.get(publisher);
+            if taken.is_some_and(|registration| registration.renew())
+                || current.inlets.len() >= MOST_PUBLISHERS && taken.is_none()
+            {
                 continue;
             }
             match self.open(publisher) {
-                Ok(stop) => drop(current.inlets.insert(publisher.clone(), stop)),
+                Ok(registration) => drop(current.inlets.insert(publisher.clone(), registration)),
                 Err(error) => self.notices.send(Notice::System {
                     what: format!("receive {} from {publisher}", self.topic),
                     reason: error.to_string(),
@@ -149,10 +155,22 @@ impl Intake {
     }
 
     /// Starts the thread that keeps a connection to this publisher.
-    fn open(self: &Arc<Self>, publisher: &str) -> std::io::Result<Stop> {
-        let stop = Stop::new()?;
-        let inlet = Inlet::new(Arc::clone(self), publisher, stop.clone());
+    fn open(self: &Arc<Self>, publisher: &str) -> std::io::Result<Arc<Registration>> {
+        let registration = Arc::new(Registration::new()?);
+        let inlet = Inlet::new(Arc::clone(self), publisher, Arc::clone(&registration));
         self.crew.spawn("ros-receive", move || inlet.run())?;
-        Ok(stop)
+        Ok(registration)
+    }
+
+    /// The thread for that publisher has ended, and its place is free.
+    fn forget(&self, publisher: &str, ended: &Arc<Registration>) {
+        let mut current = self.lock();
+        if current
+            .inlets
+            .get(publisher)
+            .is_some_and(|registration| Arc::ptr_eq(registration, ended))
+        {
+            current.inlets.remove(publisher);
+        }
     }
 }

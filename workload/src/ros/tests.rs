@@ -405,3 +405,46 @@ fn a_master_that_comes_late_is_found() {
     states.wait_for_publishers(1, PATIENCE).unwrap();
     master.stop();
 }
+
+#[test]
+fn a_master_that_restarts_is_told_again_and_messages_flow_meanwhile() {
+    let listener = TcpListener::bind((HOST, 0)).unwrap();
+    let address = listener.local_addr().unwrap();
+    let mut master = Master::start(listener, Notices::ignored()).unwrap();
+    let (plant, plant_notices) = node("/plant", &master);
+    let (controller, controller_notices) = node("/controller", &master);
+    let mut state = plant.advertise("/state", MESSAGE_TYPE).unwrap();
+    let (states, values) = forward(&controller, "/state");
+    states.wait_for_publishers(1, PATIENCE).unwrap();
+    state.wait_for_subscribers(1, PATIENCE).unwrap();
+    for life in 0..3 {
+        master.stop();
+        // Nobody is there for a moment, and nobody minds.
+        assert_eq!(publish(&mut state, [f64::from(life), 0.0]), 1);
+        assert_eq!(values.recv_timeout(PATIENCE).unwrap(), [f64::from(life), 0.0]);
+        let listener = std::iter::repeat_with(|| TcpListener::bind(address)).find_map(Result::ok);
+        master = Master::start(listener.unwrap(), Notices::ignored()).unwrap();
+        for notices in [&plant_notices, &controller_notices] {
+            let mut notices = notices.iter();
+            notices
+                .find(|notice| matches!(notice, Notice::RegisteredAgain { .. }))
+                .unwrap();
+        }
+        // Who comes now finds the topic.
+        let (stranger, _) = node("/stranger", &master);
+        let (seen, _) = forward(&stranger, "/state");
+        seen.wait_for_publishers(1, PATIENCE).unwrap();
+        state.wait_for_subscribers(2, PATIENCE).unwrap();
+        stranger.shutdown();
+        while state.subscribers() > 1 {
+            std::thread::yield_now();
+        }
+        publish(&mut state, [-1.0, 0.0]);
+        assert_eq!(values.recv_timeout(PATIENCE).unwrap(), [-1.0, 0.0]);
+    }
+    let broken = controller_notices
+        .try_iter()
+        .filter(|notice| matches!(notice, Notice::PublisherLost { .. }));
+    assert_eq!(broken.count(), 0);
+    master.stop();
+}

@@ -329,6 +329,7 @@ fn platform() -> PlatformRecord {
         load_1min: None,
         hypervisor: None,
         workload_version: env!("CARGO_PKG_VERSION").to_owned(),
+        ros_master: None,
         realtime: RealtimeGrant::default(),
     }
 }

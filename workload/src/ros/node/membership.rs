@@ -46,9 +46,35 @@ pub(super) struct Topics {
 /// A registration that the master has confirmed.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub(super) struct Registered {
-    /// The call that takes it back.
-    pub unregister: &'static str,
+    pub role: Role,
     pub topic: String,
+    /// The topic's type.
+    pub topic_type: &'static str,
+}
+
+/// What a node is to a topic.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) enum Role {
+    Publisher,
+    Subscriber,
+}
+
+impl Role {
+    /// The master's call to register it.
+    pub const fn register(self) -> &'static str {
+        match self {
+            Self::Publisher => "registerPublisher",
+            Self::Subscriber => "registerSubscriber",
+        }
+    }
+
+    /// The master's call to take that back.
+    pub const fn unregister(self) -> &'static str {
+        match self {
+            Self::Publisher => "unregisterPublisher",
+            Self::Subscriber => "unregisterSubscriber",
+        }
+    }
 }
 
 impl Membership {
@@ -137,6 +163,11 @@ impl Membership {
             self.settled
                 .wait_timeout_while(self.lock(), left, |topics| topics.registering > 0),
         );
+    }
+
+    /// The topics whose registration the master has confirmed, once.
+    pub fn registered(&self) -> Vec<Registered> {
+        self.lock().registered.clone()
     }
 
     /// From now on nothing is registered. What has been is for the caller to take back.

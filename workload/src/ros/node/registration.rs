@@ -9,7 +9,7 @@ use std::{
     time::{Duration, Instant},
 };
 
-use super::membership::{Membership, Registered};
+use super::membership::{Membership, Registered, Role};
 use crate::ros::{
     Notice, RosError,
     connections::Connections,
@@ -30,19 +30,12 @@ const LONGEST_PAUSE: Duration = Duration::from_secs(1);
 pub(super) fn begin_publisher(node: &Arc<Membership>, publication: Arc<Publication>) -> Result<(), RosError> {
     let member = Arc::clone(node);
     spawn(node, move || {
-        let Publication {
-            topic,
-            message_type,
-            connections,
-            ..
-        } = &*publication;
-        register(
-            &member,
-            "registerPublisher",
-            topic,
-            message_type.name,
-            connections,
-        );
+        let registration = Registered {
+            role: Role::Publisher,
+            topic: publication.topic.clone(),
+            topic_type: publication.message_type.name,
+        };
+        register(&member, &registration, &publication.connections);
     })
 }
 
@@ -50,19 +43,12 @@ pub(super) fn begin_publisher(node: &Arc<Membership>, publication: Arc<Publicati
 pub(super) fn begin_subscriber(node: &Arc<Membership>, intake: Arc<Intake>) -> Result<(), RosError> {
     let member = Arc::clone(node);
     spawn(node, move || {
-        let Intake {
-            topic,
-            message_type,
-            connections,
-            ..
-        } = &*intake;
-        let answer = register(
-            &member,
-            "registerSubscriber",
-            topic,
-            message_type.name,
-            connections,
-        );
+        let registration = Registered {
+            role: Role::Subscriber,
+            topic: intake.topic.clone(),
+            topic_type: intake.message_type.name,
+        };
+        let answer = register(&member, &registration, &intake.connections);
         if let Some(publishers) = answer.as_ref().and_then(Value::as_texts) {
             intake.begin(&publishers);
         }
@@ -79,22 +65,31 @@ fn spawn(node: &Arc<Membership>, work: impl FnOnce() + Send + 'static) -> Result
     node.crew.spawn("ros-register", work).map_err(failed)
 }
 
-/// Calls the master until it answers, refuses, or the patience ends.
-fn register(
+/// One call that registers a topic.
+pub(super) fn call_to_register(
     node: &Membership,
-    call: &'static str,
-    topic: &str,
-    topic_type: &str,
-    connections: &Connections,
-) -> Option<Value> {
+    registration: &Registered,
+    deadline: Instant,
+) -> Result<Value, CallError> {
+    let Registered {
+        role,
+        topic,
+        topic_type,
+    } = registration;
     let params = [node.name.as_str(), topic, topic_type, &node.slave_uri].map(Value::from);
+    node.master.call_ros(role.register(), &params, deadline)
+}
+
+/// Calls the master until it answers, refuses, or the patience ends.
+fn register(node: &Membership, registration: &Registered, connections: &Connections) -> Option<Value> {
+    let (call, topic) = (registration.role.register(), &registration.topic);
     let deadline = Instant::now() + node.master_patience;
     let mut pause = FIRST_PAUSE;
     loop {
         let attempt_ends = deadline.min(Instant::now() + CALL_PATIENCE);
-        let error = match node.master.call_ros(call, &params, attempt_ends) {
+        let error = match call_to_register(node, registration, attempt_ends) {
             Ok(value) => {
-                note(node, call, topic);
+                note(node, registration);
                 return Some(value);
             }
             Err(error) => error,
@@ -105,13 +100,13 @@ fn register(
         let reason = error.to_string();
         node.notices.send(Notice::MasterCallFailed {
             call,
-            topic: topic.to_owned(),
+            topic: topic.clone(),
             reason: reason.clone(),
         });
         if !matches!(error, CallError::Connect(_) | CallError::Exchange(_)) {
             connections.fail(RosError::Refused {
                 call,
-                topic: topic.to_owned(),
+                topic: topic.clone(),
                 reason,
             });
             return None;
@@ -131,18 +126,9 @@ fn register(
 }
 
 /// Notes a registration, or takes it back if the node has begun to end meanwhile.
-fn note(node: &Membership, call: &str, topic: &str) {
-    let unregister = if call == "registerPublisher" {
-        "unregisterPublisher"
-    } else {
-        "unregisterSubscriber"
-    };
-    let registered = Registered {
-        unregister,
-        topic: topic.to_owned(),
-    };
-    if !node.note_registered(registered.clone()) {
-        take_back(node, &registered, Instant::now() + END_PATIENCE);
+fn note(node: &Membership, registration: &Registered) {
+    if !node.note_registered(registration.clone()) {
+        take_back(node, registration, Instant::now() + END_PATIENCE);
     }
 }
 
@@ -165,14 +151,14 @@ pub(super) fn end(node: &Membership) {
     node.wait_until_settled(deadline);
 }
 
-fn take_back(node: &Membership, Registered { unregister, topic }: &Registered, deadline: Instant) {
+fn take_back(node: &Membership, registration: &Registered, deadline: Instant) {
+    let (call, topic) = (registration.role.unregister(), &registration.topic);
     let params = [node.name.as_str(), topic, &node.slave_uri].map(Value::from);
-    if let Err(error) = node.master.call_ros(unregister, &params, deadline) {
-        let (topic, reason) = (topic.clone(), error.to_string());
+    if let Err(error) = node.master.call_ros(call, &params, deadline) {
         node.notices.send(Notice::MasterCallFailed {
-            call: unregister,
-            topic,
-            reason,
+            call,
+            topic: topic.clone(),
+            reason: error.to_string(),
         });
     }
 }

@@ -7,14 +7,14 @@ use std::{
     time::{Duration, Instant},
 };
 
-use super::Intake;
+use super::{Intake, registration::Registration};
 use crate::ros::{
     Notice, RosError,
     address::resolve_host,
     connection_header::{ConnectionHeader, HeaderError},
     frames::{Frames, LARGEST_HEADER, LARGEST_MESSAGE, TooLarge},
     socket::Socket,
-    stop::{Stop, WaitError},
+    stop::WaitError,
     xml_rpc::{CallError, Client, Value},
 };
 
@@ -56,19 +56,19 @@ pub(super) struct Inlet {
     intake: Arc<Intake>,
     /// The publisher's slave API.
     publisher: String,
-    stop: Stop,
+    registration: Arc<Registration>,
 }
 
 impl Inlet {
-    pub fn new(intake: Arc<Intake>, publisher: &str, stop: Stop) -> Self {
+    pub fn new(intake: Arc<Intake>, publisher: &str, registration: Arc<Registration>) -> Self {
         Self {
             intake,
             publisher: publisher.to_owned(),
-            stop,
+            registration,
         }
     }
 
-    /// Receives until the stop is raised.
+    /// Receives for as long as the publisher is registered, and from a connection for as long as that works.
     pub fn run(&self) {
         if let Some(setup) = &self.intake.receiver_setup {
             setup();
@@ -76,11 +76,15 @@ impl Inlet {
         let mut pause = FIRST_PAUSE;
         loop {
             let ended = self.connect().and_then(|(socket, frames)| {
+                if !self.registration.connected() {
+                    return Err(WaitError::Stopped.into());
+                }
                 pause = FIRST_PAUSE;
                 self.receive(&socket, frames)
             });
-            if self.stop.is_raised() {
-                return;
+            let goes_on = self.registration.disconnected();
+            if self.registration.stop.is_raised() {
+                break;
             }
             if let Err(error) = ended {
                 // Another type does not become ours in a moment.
@@ -93,18 +97,19 @@ impl Inlet {
                     reason: error.to_string(),
                 });
             }
-            if self.stop.rest(pause).is_err() {
-                return;
+            if !goes_on || self.registration.stop.rest(pause).is_err() {
+                break;
             }
             pause = LONGEST_PAUSE.min(pause * 2);
         }
+        self.intake.forget(&self.publisher, &self.registration);
     }
 
     /// Asks for the topic's address, connects to it and exchanges headers.
     fn connect(&self) -> Result<(Socket, Frames), InletError> {
         let deadline = || Instant::now() + STEP_PATIENCE;
         let address = self.request_topic(deadline())?;
-        let socket = Socket::connect(address, &self.stop, deadline())?;
+        let socket = Socket::connect(address, &self.registration.stop, deadline())?;
         if self.intake.tcp_nodelay {
             socket.set_nodelay().map_err(WaitError::from)?;
         }
@@ -123,7 +128,7 @@ impl Inlet {
     }
 
     fn request_topic(&self, deadline: Instant) -> Result<SocketAddrV4, InletError> {
-        let client = Client::new(&self.publisher, self.stop.clone())?;
+        let client = Client::new(&self.publisher, self.registration.stop.clone())?;
         let protocols = Value::Array(vec![Value::from(vec!["TCPROS"])]);
         let params = [
             self.intake.node.as_str().into(),

@@ -71,6 +71,11 @@ impl Client {
         Ok(())
     }
 
+    /// A connection of its own to the server, for who wants to know when it ends.
+    pub fn open_line(&self, deadline: Instant) -> Result<Socket, CallError> {
+        self.connect(deadline)
+    }
+
     /// Calls a method of ROS and takes its answer apart: status, words, value.
     pub fn call_ros(&self, method: &str, params: &[Value], deadline: Instant) -> Result<Value, CallError> {
         let Value::Array(answer) = self.call(method, params, deadline)? else {

@@ -1,0 +1,81 @@
+//! The ROS master on `h1`, whichever program it is. The main type is [`RunningMaster`].
+
+use std::net::TcpListener;
+
+use super::error::ExperimentError;
+use crate::{
+    ros::{Master, Notices, RosError, Rosmaster, rosmaster},
+    settings::RosMaster,
+    virtual_host::VirtualHost,
+};
+
+/// The ROS master's usual port.
+const PORT: u16 = 11311;
+
+/// A master that answers, until it is dropped or stopped.
+pub trait RunningMaster: Send {
+    /// Its address, such as `http://10.0.0.1:11311/`.
+    fn uri(&self) -> String;
+
+    /// Ends it and waits until it has ended.
+    fn stop(self: Box<Self>);
+}
+
+/// Starts the master that the settings name. Called from a thread inside `h1`.
+///
+/// # Errors
+/// If it is not installed, its port is taken, or it does not answer.
+pub fn start(which: RosMaster, notices: Notices) -> Result<Box<dyn RunningMaster>, ExperimentError> {
+    let address = VirtualHost::H1.address();
+    Ok(match which {
+        RosMaster::Embedded => {
+            let listener =
+                TcpListener::bind((address, PORT)).map_err(|source| ExperimentError::MasterPort {
+                    host: VirtualHost::H1,
+                    source,
+                })?;
+            Box::new(Master::start(listener, notices)?)
+        }
+        RosMaster::Rosmaster => Box::new(Rosmaster::start(address, PORT, notices)?),
+    })
+}
+
+/// Whether that master can run here.
+///
+/// # Errors
+/// What is missing.
+pub fn survey(which: RosMaster) -> Result<(), RosError> {
+    match which {
+        RosMaster::Embedded => Ok(()),
+        RosMaster::Rosmaster => rosmaster::survey(),
+    }
+}
+
+/// The version of that master, where it is known; of the embedded one it is the workload's.
+#[must_use]
+pub fn version(which: RosMaster) -> Option<String> {
+    match which {
+        RosMaster::Embedded => Some(env!("CARGO_PKG_VERSION").to_owned()),
+        RosMaster::Rosmaster => rosmaster::version(),
+    }
+}
+
+impl RunningMaster for Master {
+    fn uri(&self) -> String {
+        Self::uri(self)
+    }
+
+    fn stop(self: Box<Self>) {
+        Self::stop(*self);
+    }
+}
+
+impl RunningMaster for Rosmaster {
+    fn uri(&self) -> String {
+        Self::uri(self).to_owned()
+    }
+
+    fn stop(self: Box<Self>) {
+        Self::stop(*self);
+    }
+}
