@@ -43,7 +43,8 @@ impl Events {
     }
 
     /// Says that something happens, or is about to. It is on disk when this returns, but for the workload's health,
-    /// which comes each second: the disk is left alone while a window is measured.
+    /// which comes each second, and its notices, which come as often as strangers wish and are in the windows' records:
+    /// the disk is left alone while a window is measured.
     ///
     /// # Errors
     /// When the journal cannot be written; the thing must then not be done.
@@ -51,7 +52,7 @@ impl Events {
         if !matches!(
             event,
             Event::Workload {
-                progress: Progress::Health { .. },
+                progress: Progress::Health { .. } | Progress::Notice { .. },
                 ..
             }
         ) {

@@ -18,14 +18,18 @@
 
 mod connection;
 mod control_file;
+mod doors;
 mod error;
 mod lateness;
 mod loop_threads;
 mod loops;
 mod master;
 mod message;
+mod notice_board;
+mod on_host;
 mod open_window;
 mod recorder;
+mod rehearsal;
 mod reporter;
 mod schedule;
 mod slot;
@@ -44,14 +48,20 @@ use std::{
 
 use self::{
     connection::Connection,
+    doors::Doors,
     loop_threads::LoopThreads,
     loops::Shared,
+    notice_board::NoticeBoard,
     open_window::WindowShape,
     recorder::{Recorder, Sources},
     schedule::Schedule,
 };
 pub use self::{
-    error::ExperimentError, master::survey as survey_master, recorder::Ending, reporter::Reporter,
+    error::ExperimentError,
+    master::{survey as survey_master, uri as master_uri},
+    recorder::Ending,
+    rehearsal::rehearse,
+    reporter::Reporter,
 };
 use crate::{
     capture::Capture,
@@ -93,15 +103,18 @@ pub fn run(
 ) -> Result<Ending, ExperimentError> {
     let settings = &request.settings;
     let first = request.windows.first().copied().unwrap_or(1);
-    let priority = settings.realtime.priority;
-    let emulator_priority = if priority == 0 { 0 } else { (priority + 1).min(99) };
-    let network = network::open(&settings.network, emulator_priority)?;
+    let network = network::open(&settings.network, emulator_priority(settings))?;
+    let _doors = Doors::open(network.as_ref())?;
     reporter.say(&Progress::NetworkUp);
     if settings.network.impaired_from == ImpairedFrom::Start {
         network.impair()?;
     }
     let captures = start_captures(settings, network.as_ref())?;
-    let Some(connection) = Connection::open(network.as_ref(), settings, stop)? else {
+    let mut board = NoticeBoard::new();
+    let connection = Connection::open(network.as_ref(), settings, &board, stop);
+    // Those of connecting explain why it failed, and belong to no window.
+    board.look(|progress| reporter.say(progress));
+    let Some(connection) = connection? else {
         return Ok(Ending::Stopped { window: first });
     };
     if settings.network.impaired_from == ImpairedFrom::Connection {
@@ -118,6 +131,7 @@ pub fn run(
             ticks: queues.ticks,
             captures,
             network: network.as_ref(),
+            board,
             shared: Shared {
                 zero_ns: monotonic_ns() + AHEAD_NS + nanoseconds(settings.control.phase.duration()),
                 stop: Arc::clone(stop),
@@ -133,6 +147,14 @@ pub fn run(
     nodes.close();
     let ending = outcome?;
     joined.map(|()| ending)
+}
+
+/// Above the loops, unless nothing is to be urgent.
+fn emulator_priority(settings: &Settings) -> u8 {
+    match settings.realtime.priority {
+        0 => 0,
+        priority => (priority + 1).min(99),
+    }
 }
 
 fn start_captures(

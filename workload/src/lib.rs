@@ -11,6 +11,7 @@
 pub mod capture;
 pub mod causes;
 pub mod controller;
+pub mod enter;
 pub mod experiment;
 pub mod network;
 pub mod plant;

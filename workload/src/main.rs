@@ -4,6 +4,7 @@
 //! found; 1 the run failed; 2 the call or the settings are wrong. The last line of progress says which and why.
 
 use std::{
+    ffi::OsString,
     io::{self, Write},
     path::PathBuf,
     process::ExitCode,
@@ -14,15 +15,17 @@ use std::{
     thread,
 };
 
-use clap::{Args, Parser, Subcommand};
+use clap::{Args, Parser, Subcommand, builder::PossibleValuesParser};
 use nix::sys::signal::{SigSet, Signal};
 use workload::{
     causes::with_causes,
+    enter,
     experiment::{self, Ending, ExperimentError, Reporter, Request},
     network,
-    record::progress::Progress,
+    record::progress::{Part, Progress},
     settings::Settings,
     survey,
+    virtual_host::VirtualHost,
 };
 
 const FAILED: u8 = 1;
@@ -42,6 +45,10 @@ enum Command {
     Run(Run),
     /// Say whether this place can run the experiment, as JSON.
     Check(Check),
+    /// Run network, ROS master and nodes without measuring, until SIGTERM or Ctrl-C: for ROS's tools and your own nodes.
+    Rehearse(Rehearse),
+    /// Run a program inside a virtual host of a workload that runs: `workload enter $(pidof workload) h1 rostopic list`.
+    Enter(Enter),
 }
 
 #[derive(Debug, Args)]
@@ -65,6 +72,30 @@ struct Check {
     /// The settings, as JSON; what is left out is the paper's.
     #[arg(long, default_value = "{}")]
     settings: String,
+}
+
+#[derive(Debug, Args)]
+struct Rehearse {
+    /// The settings, as JSON; what is left out is the paper's.
+    #[arg(long, default_value = "{}")]
+    settings: String,
+    /// A node that is not to run, since you run yours: `plant` or `controller`; twice for both.
+    #[arg(long, value_parser = PossibleValuesParser::new(Part::ALL.map(Part::name)))]
+    without: Vec<String>,
+}
+
+#[derive(Debug, Args)]
+struct Enter {
+    /// Process number of the workload.
+    pid: u32,
+    /// `h1`, `sta1` or `sta2`.
+    #[arg(value_parser = PossibleValuesParser::new(VirtualHost::ALL.map(VirtualHost::name)))]
+    host: String,
+    /// The program.
+    program: OsString,
+    /// Its arguments.
+    #[arg(trailing_var_arg = true, allow_hyphen_values = true)]
+    arguments: Vec<OsString>,
 }
 
 /// Why there is nothing to measure.
@@ -96,6 +127,8 @@ fn main() -> ExitCode {
     match Call::parse().command {
         Command::Run(call) => run(call),
         Command::Check(call) => check(&call),
+        Command::Rehearse(call) => rehearse(&call),
+        Command::Enter(call) => enter(&call),
     }
 }
 
@@ -200,6 +233,47 @@ fn check(call: &Check) -> ExitCode {
         Ok(()) => ExitCode::SUCCESS,
         Err(_) => ExitCode::from(FAILED),
     }
+}
+
+fn rehearse(call: &Rehearse) -> ExitCode {
+    let namespace_root = network::become_namespace_root();
+    let ends = block_signals();
+    let reporter = Reporter::start(None);
+    reporter.say(&Progress::Started {
+        pid: std::process::id(),
+    });
+    let without: Vec<_> = Part::ALL
+        .into_iter()
+        .filter(|part| call.without.iter().any(|name| name == part.name()))
+        .collect();
+    let code = match read_settings(&call.settings) {
+        Err(wrong) => report_failure(&reporter, with_causes(&wrong), wrong.hint(), false, WRONG_CALL),
+        Ok(settings) => {
+            let stop = Arc::new(AtomicBool::new(false));
+            let outcome = namespace_root
+                .map_err(ExperimentError::from)
+                .and_then(|()| set_when_told(ends, &stop))
+                .and_then(|()| experiment::rehearse(&settings, &without, &reporter, &stop));
+            report_outcome(&reporter, outcome.map(|()| Ending::Finished))
+        }
+    };
+    reporter.finish();
+    ExitCode::from(code)
+}
+
+fn enter(call: &Enter) -> ExitCode {
+    let Some(host) = VirtualHost::ALL.into_iter().find(|host| host.name() == call.host) else {
+        return ExitCode::from(WRONG_CALL);
+    };
+    let error = enter::exec(
+        call.pid,
+        host,
+        &experiment::master_uri(),
+        &call.program,
+        &call.arguments,
+    );
+    complain(&with_causes(&error), Some(error.hint()));
+    ExitCode::from(FAILED)
 }
 
 /// Blocks the signals that end a process for all threads to come. SIGHUP stays blocked for ever: the run outlives the

@@ -95,6 +95,8 @@ fn said(progress: &Progress) -> Option<String> {
         Progress::Started { .. } | Progress::Health { .. } => return None,
         Progress::NetworkUp => "virtual hosts are linked".to_owned(),
         Progress::Connected => "controller and plant are connected".to_owned(),
+        Progress::Rehearsing { .. } => "nothing is measured".to_owned(),
+        Progress::Notice { host, text } => format!("{host}: {text}"),
         Progress::Measuring { window } => format!("measuring window {window}"),
         Progress::WindowComplete { window, verdict } => {
             format!("window {window} complete, {}", verdict_word(*verdict))

@@ -77,7 +77,7 @@ pub enum Event {
         /// Whether its workload still runs.
         running: bool,
     },
-    /// What the workload said. `Health` goes to those who watch, not into the journal.
+    /// What the workload said. `Health` and `Notice` go to those who watch, not into the journal.
     Workload {
         /// The scenario.
         scenario: String,

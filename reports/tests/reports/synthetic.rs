@@ -17,7 +17,7 @@ use workload::{
     quantity::{Frequency, TimeSpan},
     record::{
         control_log::ControlRow,
-        window::{FileRecord, LoopRecord, Verdict, WindowRecord},
+        window::{FileRecord, LoopRecord, NoticesRecord, Verdict, WindowRecord},
     },
     settings::Settings,
 };
@@ -351,6 +351,7 @@ fn window_record(slug: &str, window: u32, log: &str) -> WindowRecord {
         captures: Vec::new(),
         network_seed: None,
         links: Vec::new(),
+        notices: NoticesRecord::default(),
         files: vec![file_record(log)],
         verdict: Verdict::Valid,
         reasons: Vec::new(),

@@ -6,7 +6,7 @@ use std::{
         Arc,
         atomic::{AtomicBool, Ordering},
     },
-    thread::{self, Scope, ScopedJoinHandle},
+    thread,
     time::{Duration, Instant},
 };
 
@@ -14,6 +14,8 @@ use super::{
     error::ExperimentError,
     master::{self, RunningMaster},
     message::{COMMAND_TOPIC, STATE_TOPIC},
+    notice_board::NoticeBoard,
+    on_host::{begin_on_host, on_host, outcome_of},
     slot::{self, CommandReader, StateReader},
 };
 use crate::{
@@ -38,7 +40,7 @@ pub struct Connection {
 }
 
 /// One node with its end of both topics.
-struct Side<R> {
+pub struct Side<R> {
     node: Node,
     publisher: Publisher,
     subscription: Subscription,
@@ -50,11 +52,16 @@ pub type PlantEnds = (Publisher, CommandReader);
 /// What the controller's loop needs.
 pub type ControllerEnds = (Publisher, StateReader);
 
+/// What is left of a node when its loop has its ends.
+pub struct Tenancy {
+    node: Node,
+    _subscription: Subscription,
+}
+
 /// What is left of a connection when the loops have their ends; dropped or shut down when they are done.
 pub struct Nodes {
     master: Box<dyn RunningMaster>,
-    nodes: [Node; 2],
-    _subscriptions: [Subscription; 2],
+    tenancies: [Tenancy; 2],
 }
 
 impl Connection {
@@ -65,22 +72,20 @@ impl Connection {
     pub fn open(
         network: &dyn Network,
         settings: &Settings,
+        board: &NoticeBoard,
         stop: &AtomicBool,
     ) -> Result<Option<Self>, ExperimentError> {
+        let [h1, sta1, sta2] = VirtualHost::ALL.map(|host| board.of(host));
         let master = on_host(network, VirtualHost::H1, || {
-            master::start(settings.ros.master, Notices::ignored())
+            master::start(settings.ros.master, h1)
         })?;
-        let uri = master.uri();
+        let uri = master::uri();
         let (plant, controller) = thread::scope(|scope| {
             let plant = begin_on_host(scope, network, VirtualHost::Sta2, || {
-                let (receive, reader) = slot::commands();
-                let names = ("/plant", STATE_TOPIC, COMMAND_TOPIC);
-                Side::open(names, VirtualHost::Sta2, &uri, settings, receive, reader)
+                open_plant(settings, &uri, sta2)
             })?;
             let controller = on_host(network, VirtualHost::Sta1, || {
-                let (receive, reader) = slot::states();
-                let names = ("/controller", COMMAND_TOPIC, STATE_TOPIC);
-                Side::open(names, VirtualHost::Sta1, &uri, settings, receive, reader)
+                open_controller(settings, &uri, sta1)
             })?;
             Ok::<_, ExperimentError>((outcome_of(plant, VirtualHost::Sta2)?, controller))
         })?;
@@ -103,16 +108,13 @@ impl Connection {
     /// Hands out the ends of the topics.
     #[must_use]
     pub fn into_ends(self) -> (Nodes, PlantEnds, ControllerEnds) {
+        let (plant, plant_ends) = self.plant.into_parts();
+        let (controller, controller_ends) = self.controller.into_parts();
         let nodes = Nodes {
             master: self.master,
-            nodes: [self.controller.node, self.plant.node],
-            _subscriptions: [self.controller.subscription, self.plant.subscription],
+            tenancies: [controller, plant],
         };
-        (
-            nodes,
-            (self.plant.publisher, self.plant.reader),
-            (self.controller.publisher, self.controller.reader),
-        )
+        (nodes, plant_ends, controller_ends)
     }
 
     fn close(self) {
@@ -125,41 +127,95 @@ impl Connection {
 impl Nodes {
     /// Unregisters the nodes and ends all threads, within a few seconds.
     pub fn close(self) {
-        let [controller, plant] = self.nodes;
+        let [controller, plant] = self.tenancies;
         thread::scope(|scope| {
-            scope.spawn(|| controller.shutdown());
-            plant.shutdown();
+            scope.spawn(|| controller.end());
+            plant.end();
         });
         self.master.stop();
     }
 }
 
+impl Tenancy {
+    /// Unregisters the node and ends its threads, within a few seconds.
+    pub fn end(self) {
+        self.node.shutdown();
+    }
+}
+
+/// Starts the plant's node. Called from a thread inside its host.
+///
+/// # Errors
+/// If something cannot be started.
+pub fn open_plant(
+    settings: &Settings,
+    master_uri: &str,
+    notices: Notices,
+) -> Result<Side<CommandReader>, ExperimentError> {
+    let (receive, reader) = slot::commands();
+    let config = node_config("/plant", VirtualHost::Sta2, settings, master_uri, notices);
+    Side::open(config, (STATE_TOPIC, COMMAND_TOPIC), receive, reader)
+}
+
+/// Starts the controller's node. Called from a thread inside its host.
+///
+/// # Errors
+/// If something cannot be started.
+pub fn open_controller(
+    settings: &Settings,
+    master_uri: &str,
+    notices: Notices,
+) -> Result<Side<StateReader>, ExperimentError> {
+    let (receive, reader) = slot::states();
+    let config = node_config("/controller", VirtualHost::Sta1, settings, master_uri, notices);
+    Side::open(config, (COMMAND_TOPIC, STATE_TOPIC), receive, reader)
+}
+
+fn node_config(
+    name: &str,
+    host: VirtualHost,
+    settings: &Settings,
+    master_uri: &str,
+    notices: Notices,
+) -> NodeConfig {
+    let priority = settings.realtime.priority;
+    NodeConfig {
+        tcp_nodelay: settings.ros.tcp_nodelay,
+        master_patience: PATIENCE,
+        notices,
+        // As urgent as the loop that waits for the message. Refused here, it is refused to the loop too, which records
+        // it.
+        receiver_setup: Some(Arc::new(move || {
+            let _ = request_fifo(priority);
+        })),
+        ..NodeConfig::new(name, host.address(), master_uri)
+    }
+}
+
 impl<R> Side<R> {
     fn open(
-        (name, publishes, subscribes): (&str, &str, &str),
-        host: VirtualHost,
-        master_uri: &str,
-        settings: &Settings,
+        config: NodeConfig,
+        (publishes, subscribes): (&str, &str),
         receive: impl FnMut(&[u8]) + Send + 'static,
         reader: R,
     ) -> Result<Self, ExperimentError> {
-        let priority = settings.realtime.priority;
-        let node = Node::start(NodeConfig {
-            tcp_nodelay: settings.ros.tcp_nodelay,
-            master_patience: PATIENCE,
-            // As urgent as the loop that waits for the message. Refused here, it is refused to the loop too, which
-            // records it.
-            receiver_setup: Some(Arc::new(move || {
-                let _ = request_fifo(priority);
-            })),
-            ..NodeConfig::new(name, host.address(), master_uri)
-        })?;
+        let node = Node::start(config)?;
         Ok(Self {
             publisher: node.advertise(publishes, MESSAGE_TYPE)?,
             subscription: node.subscribe(subscribes, MESSAGE_TYPE, receive)?,
             node,
             reader,
         })
+    }
+
+    /// Hands out what the loop needs.
+    #[must_use]
+    pub fn into_parts(self) -> (Tenancy, (Publisher, R)) {
+        let tenancy = Tenancy {
+            node: self.node,
+            _subscription: self.subscription,
+        };
+        (tenancy, (self.publisher, self.reader))
     }
 
     /// Waits for the other ends of both topics. False if it was told to stop.
@@ -186,37 +242,4 @@ fn wait_in_parts(
         }
     }
     Ok(false)
-}
-
-/// Runs `make` on a thread inside the host, so that whatever threads and sockets it makes stay there.
-fn on_host<T: Send>(
-    network: &dyn Network,
-    host: VirtualHost,
-    make: impl FnOnce() -> Result<T, ExperimentError> + Send,
-) -> Result<T, ExperimentError> {
-    thread::scope(|scope| outcome_of(begin_on_host(scope, network, host, make)?, host))
-}
-
-type Making<'scope, T> = ScopedJoinHandle<'scope, Result<T, ExperimentError>>;
-
-fn begin_on_host<'scope, 'env, T: Send + 'scope>(
-    scope: &'scope Scope<'scope, 'env>,
-    network: &'scope dyn Network,
-    host: VirtualHost,
-    make: impl FnOnce() -> Result<T, ExperimentError> + Send + 'scope,
-) -> Result<Making<'scope, T>, ExperimentError> {
-    let name = host.name();
-    let inside = thread::Builder::new()
-        .name(name.to_owned())
-        .spawn_scoped(scope, move || {
-            network.enter(host)?;
-            make()
-        });
-    inside.map_err(|source| ExperimentError::Thread { name, source })
-}
-
-fn outcome_of<T>(making: Making<'_, T>, host: VirtualHost) -> Result<T, ExperimentError> {
-    making
-        .join()
-        .unwrap_or(Err(ExperimentError::ThreadEnded { name: host.name() }))
 }

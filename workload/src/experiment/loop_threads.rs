@@ -47,32 +47,11 @@ impl LoopThreads {
     /// If a thread cannot be started.
     pub fn start(
         settings: &Settings,
-        (publisher, commands): PlantEnds,
-        (command_publisher, states): ControllerEnds,
+        plant: PlantEnds,
+        controller: ControllerEnds,
     ) -> Result<(Self, Queues, RealtimeGrant), ExperimentError> {
-        let capacity = ((settings.rate.hz() * QUEUE_SECONDS) as usize).max(1024);
-        let (row_queue, rows) = RingBuffer::new(capacity);
-        let (tick_queue, ticks) = RingBuffer::new(capacity);
-        let plant = PlantLoop {
-            model: PlantModel::new(&settings.plant, settings.rate.step()),
-            publisher,
-            commands,
-            ticks: tick_queue,
-        };
-        let controller = ControllerLoop {
-            reference: Reference::new(settings),
-            controller: Controller::new(&settings.control),
-            publisher: command_publisher,
-            states,
-            rows: row_queue,
-        };
-        let wishes = &settings.realtime;
-        let (plant, plant_grant) = LoopThread::start("plant", wishes, move |schedule, shared| {
-            plant.run(schedule, shared)
-        })?;
-        let (controller, grant) = LoopThread::start("controller", wishes, move |schedule, shared| {
-            controller.run(schedule, shared)
-        })?;
+        let (plant, ticks, plant_grant) = LoopThread::plant(settings, plant)?;
+        let (controller, rows, grant) = LoopThread::controller(settings, controller)?;
         let grant = if plant_grant.priority_refusal.is_some() {
             plant_grant
         } else {
@@ -106,13 +85,55 @@ impl LoopThreads {
     }
 }
 
-struct LoopThread {
+/// One loop, waiting for its schedule.
+pub struct LoopThread {
     name: &'static str,
     begins: Sender<(Schedule, Shared)>,
     thread: JoinHandle<()>,
 }
 
 impl LoopThread {
+    /// The plant's, with the queue of its ticks and what it was granted.
+    ///
+    /// # Errors
+    /// If its thread cannot be started.
+    pub fn plant(
+        settings: &Settings,
+        (publisher, commands): PlantEnds,
+    ) -> Result<(Self, Consumer<Tick>, RealtimeGrant), ExperimentError> {
+        let (queue, ticks) = RingBuffer::new(queue_capacity(settings));
+        let plant = PlantLoop {
+            model: PlantModel::new(&settings.plant, settings.rate.step()),
+            publisher,
+            commands,
+            ticks: queue,
+        };
+        let run = move |schedule: &Schedule, shared: &Shared| plant.run(schedule, shared);
+        let (thread, grant) = Self::start("plant", &settings.realtime, run)?;
+        Ok((thread, ticks, grant))
+    }
+
+    /// The controller's, with the queue of its rows and what it was granted.
+    ///
+    /// # Errors
+    /// If its thread cannot be started.
+    pub fn controller(
+        settings: &Settings,
+        (publisher, states): ControllerEnds,
+    ) -> Result<(Self, Consumer<ControlRow>, RealtimeGrant), ExperimentError> {
+        let (queue, rows) = RingBuffer::new(queue_capacity(settings));
+        let controller = ControllerLoop {
+            reference: Reference::new(settings),
+            controller: Controller::new(&settings.control),
+            publisher,
+            states,
+            rows: queue,
+        };
+        let run = move |schedule: &Schedule, shared: &Shared| controller.run(schedule, shared);
+        let (thread, grant) = Self::start("controller", &settings.realtime, run)?;
+        Ok((thread, rows, grant))
+    }
+
     fn start(
         name: &'static str,
         wishes: &RealtimeSettings,
@@ -134,15 +155,27 @@ impl LoopThread {
         Ok((Self { name, begins, thread }, grant))
     }
 
-    fn begin(&self, schedule: Schedule, shared: &Shared) -> Result<(), ExperimentError> {
+    /// Tells it when to begin.
+    ///
+    /// # Errors
+    /// If it has ended.
+    pub fn begin(&self, schedule: Schedule, shared: &Shared) -> Result<(), ExperimentError> {
         let ended = ExperimentError::ThreadEnded { name: self.name };
         self.begins.send((schedule, shared.clone())).map_err(|_| ended)
     }
 
-    fn join(self) -> Result<(), ExperimentError> {
+    /// Waits until it has ended. One that was never begun ends at once.
+    ///
+    /// # Errors
+    /// If it ended in a panic.
+    pub fn join(self) -> Result<(), ExperimentError> {
         drop(self.begins);
         self.thread
             .join()
             .map_err(|_| ExperimentError::ThreadEnded { name: self.name })
     }
+}
+
+fn queue_capacity(settings: &Settings) -> usize {
+    ((settings.rate.hz() * QUEUE_SECONDS) as usize).max(1024)
 }

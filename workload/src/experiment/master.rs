@@ -12,11 +12,14 @@ use crate::{
 /// The ROS master's usual port.
 const PORT: u16 = 11311;
 
+/// Where the master is, whichever it is.
+#[must_use]
+pub fn uri() -> String {
+    format!("http://{}:{PORT}/", VirtualHost::H1.address())
+}
+
 /// A master that answers, until it is dropped or stopped.
 pub trait RunningMaster: Send {
-    /// Its address, such as `http://10.0.0.1:11311/`.
-    fn uri(&self) -> String;
-
     /// Ends it and waits until it has ended.
     fn stop(self: Box<Self>);
 }
@@ -61,20 +64,12 @@ pub fn version(which: RosMaster) -> Option<String> {
 }
 
 impl RunningMaster for Master {
-    fn uri(&self) -> String {
-        Self::uri(self)
-    }
-
     fn stop(self: Box<Self>) {
         Self::stop(*self);
     }
 }
 
 impl RunningMaster for Rosmaster {
-    fn uri(&self) -> String {
-        Self::uri(self).to_owned()
-    }
-
     fn stop(self: Box<Self>) {
         Self::stop(*self);
     }

@@ -6,6 +6,7 @@ use super::{
     control_file::{ControlFile, RowCounts},
     error::ExperimentError,
     lateness::Lateness,
+    notice_board::News,
     schedule::Tick,
     snapshot::Snapshot,
     validity::{self, Expectation},
@@ -17,7 +18,7 @@ use crate::{
     record::{
         self,
         control_log::ControlRow,
-        window::{CaptureRecord, Verdict, WindowRecord},
+        window::{CaptureRecord, NoticesRecord, Verdict, WindowRecord},
     },
 };
 
@@ -49,6 +50,7 @@ pub struct OpenWindow {
     captures: Vec<CaptureRecord>,
     captures_to_come: usize,
     capture_failures: Vec<String>,
+    notices: NoticesRecord,
     began: Snapshot,
 }
 
@@ -83,6 +85,7 @@ impl OpenWindow {
             captures: Vec::new(),
             captures_to_come: shape.captures,
             capture_failures: Vec::new(),
+            notices: NoticesRecord::default(),
             began,
             folder,
             shape: shape.clone(),
@@ -141,6 +144,13 @@ impl OpenWindow {
         }
     }
 
+    /// What has happened between nodes and peers.
+    pub fn add_news(&mut self, news: News) {
+        let room = NoticesRecord::MOST.saturating_sub(self.notices.first.len());
+        self.notices.count += news.texts.len() as u64 + news.forgotten;
+        self.notices.first.extend(news.texts.into_iter().take(room));
+    }
+
     /// Whether captures are still to come.
     #[must_use]
     pub fn waits_for_captures(&self) -> bool {
@@ -183,6 +193,7 @@ impl OpenWindow {
             captures,
             network_seed: shape.network_seed,
             links: ended.links_since(&self.began),
+            notices: self.notices,
             files: Vec::new(),
             verdict: Verdict::Valid,
             reasons: Vec::new(),

@@ -19,6 +19,7 @@ use rtrb::Consumer;
 use super::{
     error::ExperimentError,
     loops::Shared,
+    notice_board::NoticeBoard,
     open_window::{ClosedWindow, OpenWindow, WindowShape, WindowSpan},
     reporter::Reporter,
     schedule::Tick,
@@ -65,6 +66,8 @@ pub struct Sources<'a> {
     pub captures: Vec<(VirtualHost, Capture)>,
     /// The links.
     pub network: &'a dyn Network,
+    /// What master and nodes have to say.
+    pub board: NoticeBoard,
     /// What is shared with the loops.
     pub shared: Shared,
 }
@@ -251,6 +254,11 @@ impl<'a> Recorder<'a> {
     fn look_after(&mut self) -> Result<(), ExperimentError> {
         if let Some(error) = self.sources.network.failure() {
             return Err(error.into());
+        }
+        let reporter = self.reporter;
+        let news = self.sources.board.look(|progress| reporter.say(progress));
+        if let Some(window) = &mut self.current {
+            window.add_news(news);
         }
         let now_ns = monotonic_ns();
         if self.next_folder.is_none()

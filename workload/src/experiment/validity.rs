@@ -150,7 +150,10 @@ mod tests {
 
     use super::*;
     use crate::{
-        record::{FORMAT, window::CaptureRecord},
+        record::{
+            FORMAT,
+            window::{CaptureRecord, NoticesRecord},
+        },
         virtual_host::VirtualHost,
     };
 
@@ -190,6 +193,7 @@ mod tests {
             }],
             network_seed: None,
             links: Vec::new(),
+            notices: NoticesRecord::default(),
             files: Vec::new(),
             verdict: Verdict::Valid,
             reasons: Vec::new(),

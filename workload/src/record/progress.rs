@@ -4,6 +4,40 @@
 use serde::{Deserialize, Serialize};
 
 use super::window::Verdict;
+use crate::virtual_host::VirtualHost;
+
+/// One of the two nodes that make the loop.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum Part {
+    /// `/plant`.
+    Plant,
+    /// `/controller`.
+    Controller,
+}
+
+impl Part {
+    /// Both.
+    pub const ALL: [Self; 2] = [Self::Plant, Self::Controller];
+
+    /// Where it runs.
+    #[must_use]
+    pub const fn host(self) -> VirtualHost {
+        match self {
+            Self::Plant => VirtualHost::Sta2,
+            Self::Controller => VirtualHost::Sta1,
+        }
+    }
+
+    /// Its name on the command line and in progress.
+    #[must_use]
+    pub const fn name(self) -> &'static str {
+        match self {
+            Self::Plant => "plant",
+            Self::Controller => "controller",
+        }
+    }
+}
 
 /// One line.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
@@ -18,6 +52,20 @@ pub enum Progress {
     NetworkUp,
     /// Controller and plant are connected by their topics both ways.
     Connected,
+    /// Nothing is measured: master and nodes run until they are told to stop.
+    Rehearsing {
+        /// The master's address.
+        master: String,
+        /// Our nodes that run.
+        nodes: Vec<Part>,
+    },
+    /// Something happened between the ROS master or a node and a peer: one came, went or was refused.
+    Notice {
+        /// The host that says it.
+        host: VirtualHost,
+        /// In words.
+        text: String,
+    },
     /// The first control step of the run has been done.
     Measuring {
         /// The first window's number.

@@ -52,12 +52,30 @@ pub struct WindowRecord {
     pub network_seed: Option<u64>,
     /// The links, in [`VirtualHost::ALL`]'s order.
     pub links: Vec<LinkRecord>,
+    /// What happened between the ROS master and nodes and their peers.
+    #[serde(default)]
+    pub notices: NoticesRecord,
     /// The files beside this one.
     pub files: Vec<FileRecord>,
     /// What it is worth.
     pub verdict: Verdict,
     /// Why, if not valid.
     pub reasons: Vec<String>,
+}
+
+/// Peers of the ROS master and nodes that came, went or were refused during a window. The experiment's own are
+/// connected before; whatever is here came from elsewhere, or broke.
+#[derive(Debug, Clone, Default, PartialEq, Eq, Serialize, Deserialize)]
+pub struct NoticesRecord {
+    /// How many.
+    pub count: u64,
+    /// The first of them, as `host: words`.
+    pub first: Vec<String>,
+}
+
+impl NoticesRecord {
+    /// How many are kept in words.
+    pub const MOST: usize = 20;
 }
 
 /// What a window is worth.

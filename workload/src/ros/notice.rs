@@ -153,7 +153,7 @@ impl Notices {
     }
 
     /// Never blocks.
-    pub(super) fn send(&self, notice: Notice) {
+    pub(crate) fn send(&self, notice: Notice) {
         if let Some(queue) = &self.queue {
             if let Err(TrySendError::Full(_)) = queue.try_send(notice) {
                 self.forgotten.fetch_add(1, Ordering::Relaxed);

@@ -18,7 +18,10 @@ use workload::{
     record::{
         FORMAT,
         control_log::ControlRow,
-        window::{CaptureRecord, FileRecord, LinkRecord, LoopRecord, PassRecord, Verdict, WindowRecord},
+        window::{
+            CaptureRecord, FileRecord, LinkRecord, LoopRecord, NoticesRecord, PassRecord, Verdict,
+            WindowRecord,
+        },
     },
     settings::Settings,
     simulation::{Delays, Simulation},
@@ -209,6 +212,7 @@ fn record(fake: &FakeWindow<'_>, rows: &[ControlRow], files: Vec<FileRecord>) ->
                 down: PassRecord::default(),
             })
             .to_vec(),
+        notices: NoticesRecord::default(),
         files,
         verdict: if complete {
             Verdict::Valid

@@ -115,6 +115,7 @@ fn record(windows: &[u32], network: &Unlinked, loops_do: impl FnOnce(&mut Loops)
     loops_do(&mut loops);
     drop(loops);
     let sources = Sources {
+        board: NoticeBoard::new(),
         rows: row_source,
         ticks: tick_source,
         captures: Vec::new(),

@@ -1,0 +1,136 @@
+//! The experiment without measuring: network, master and nodes run until they are told to stop, and nothing is written.
+//! It is for ROS's tools, and for nodes of one's own in place of the plant or the controller. The main function is
+//! [`rehearse`].
+
+use std::{
+    sync::{
+        Arc,
+        atomic::{AtomicBool, AtomicU64, Ordering},
+    },
+    thread,
+    time::Duration,
+};
+
+use super::{
+    AHEAD_NS,
+    connection::{Side, Tenancy, open_controller, open_plant},
+    doors::Doors,
+    emulator_priority,
+    error::ExperimentError,
+    loop_threads::LoopThread,
+    loops::Shared,
+    master, nanoseconds,
+    notice_board::NoticeBoard,
+    on_host::on_host,
+    reporter::Reporter,
+    schedule::Schedule,
+};
+use crate::{
+    network,
+    realtime::monotonic_ns,
+    record::progress::{Part, Progress},
+    ros::Notices,
+    settings::Settings,
+    virtual_host::VirtualHost,
+};
+
+/// How often it is looked whether it is to end, and what there is to say.
+const LOOK_EVERY: Duration = Duration::from_millis(100);
+
+/// Runs until `stop` is set, with those of our nodes that are not in `without`.
+///
+/// # Errors
+/// If the platform lacks something.
+pub fn rehearse(
+    settings: &Settings,
+    without: &[Part],
+    reporter: &Reporter,
+    stop: &Arc<AtomicBool>,
+) -> Result<(), ExperimentError> {
+    let network = network::open(&settings.network, emulator_priority(settings))?;
+    let network = network.as_ref();
+    let _doors = Doors::open(network)?;
+    reporter.say(&Progress::NetworkUp);
+    let mut board = NoticeBoard::new();
+    let notices = board.of(VirtualHost::H1);
+    let master = on_host(network, VirtualHost::H1, || {
+        master::start(settings.ros.master, notices)
+    })?;
+    let uri = master::uri();
+    let mut tenancies = Vec::new();
+    let mut threads = Vec::new();
+    let parts: Vec<_> = Part::ALL
+        .into_iter()
+        .filter(|part| !without.contains(part))
+        .collect();
+    for part in &parts {
+        let (tenancy, thread) = start(*part, settings, network, &uri, board.of(part.host()))?;
+        tenancies.push(tenancy);
+        threads.push(thread);
+    }
+    begin(settings, &parts, &threads, stop)?;
+    reporter.say(&Progress::Rehearsing {
+        master: uri,
+        nodes: parts,
+    });
+    while !stop.load(Ordering::Relaxed) {
+        board.look(|progress| reporter.say(progress));
+        thread::sleep(LOOK_EVERY);
+    }
+    let ended: Vec<_> = threads.into_iter().map(LoopThread::join).collect();
+    tenancies.into_iter().for_each(Tenancy::end);
+    master.stop();
+    ended.into_iter().collect()
+}
+
+/// One of our nodes with its loop, which waits to begin.
+fn start(
+    part: Part,
+    settings: &Settings,
+    network: &dyn network::Network,
+    uri: &str,
+    notices: Notices,
+) -> Result<(Tenancy, LoopThread), ExperimentError> {
+    let host = part.host();
+    match part {
+        Part::Plant => {
+            let side = on_host(network, host, || open_plant(settings, uri, notices))?;
+            let (tenancy, ends) = Side::into_parts(side);
+            // Nobody reads what the loop logs: its queue fills, and it goes on.
+            Ok((tenancy, LoopThread::plant(settings, ends)?.0))
+        }
+        Part::Controller => {
+            let side = on_host(network, host, || open_controller(settings, uri, notices))?;
+            let (tenancy, ends) = Side::into_parts(side);
+            Ok((tenancy, LoopThread::controller(settings, ends)?.0))
+        }
+    }
+}
+
+/// Begins the loops, without an end.
+fn begin(
+    settings: &Settings,
+    parts: &[Part],
+    threads: &[LoopThread],
+    stop: &Arc<AtomicBool>,
+) -> Result<(), ExperimentError> {
+    let phase_ns = nanoseconds(settings.control.phase.duration());
+    let shared = Shared {
+        zero_ns: monotonic_ns() + AHEAD_NS + phase_ns,
+        stop: Arc::clone(stop),
+        log_dropped: Arc::new(AtomicU64::new(0)),
+    };
+    for (part, thread) in parts.iter().zip(threads) {
+        let ahead_ns = match part {
+            Part::Plant => phase_ns,
+            Part::Controller => 0,
+        };
+        let schedule = Schedule {
+            first_ns: shared.zero_ns - ahead_ns,
+            step_ns: nanoseconds(settings.rate.step()),
+            steps: u64::MAX,
+        };
+        thread.begin(schedule, &shared)?;
+    }
+    Ok(())
+}
