@@ -49,6 +49,8 @@ pub fn rehearse(
 ) -> Result<(), ExperimentError> {
     let network = network::open(&settings.network, emulator_priority(settings))?;
     let network = network.as_ref();
+    // Nodes of others come at any time: there is no moment from which on all are connected.
+    network.impair()?;
     let _doors = Doors::open(network)?;
     reporter.say(&Progress::NetworkUp);
     let mut board = NoticeBoard::new();

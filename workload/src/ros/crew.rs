@@ -5,7 +5,10 @@
 
 use std::{
     io,
-    sync::{Arc, Condvar, Mutex, PoisonError},
+    sync::{
+        Arc, Condvar, Mutex, PoisonError,
+        atomic::{AtomicUsize, Ordering},
+    },
     thread,
     time::Duration,
 };
@@ -17,6 +20,9 @@ const STACK_BYTES: usize = 256 * 1024;
 
 /// More than the experiment needs tenfold; what a flood of connections may cost at most.
 const MOST_THREADS: usize = 128;
+
+/// Of these, those that one listener's connections may have: two listeners' together leave enough for the node itself.
+const MOST_GUESTS: usize = 48;
 
 /// Threads that end when their stop is raised.
 #[derive(Debug, Clone)]
@@ -59,6 +65,14 @@ impl Crew {
         *waited.unwrap_or_else(PoisonError::into_inner).0 == 0
     }
 
+    /// For the connections that others make to one listener.
+    pub fn guests(&self) -> Guests {
+        Guests {
+            crew: self.clone(),
+            live: Arc::default(),
+        }
+    }
+
     fn enrol(&self) -> io::Result<Member> {
         let mut live = self.live.0.lock().unwrap_or_else(PoisonError::into_inner);
         if *live >= MOST_THREADS {
@@ -69,6 +83,49 @@ impl Crew {
         }
         *live += 1;
         Ok(Member(Arc::clone(&self.live)))
+    }
+}
+
+/// The threads of one listener's connections. However many connect, they take none from the node itself or from another
+/// listener.
+#[derive(Debug, Clone)]
+pub(super) struct Guests {
+    crew: Crew,
+    live: Arc<AtomicUsize>,
+}
+
+impl Guests {
+    /// Runs `work`, as [`Crew::spawn`], if there is room for one more.
+    pub fn spawn(&self, name: &str, work: impl FnOnce() + Send + 'static) -> io::Result<()> {
+        let guest = Guest(Arc::clone(&self.live));
+        if self.live.fetch_add(1, Ordering::AcqRel) >= MOST_GUESTS {
+            return Err(io::Error::new(
+                io::ErrorKind::QuotaExceeded,
+                format!("{MOST_GUESTS} connections are being served"),
+            ));
+        }
+        self.crew.spawn(name, move || {
+            let _guest = guest;
+            work();
+        })
+    }
+
+    /// Whether there are so many that idle ones should go.
+    pub fn are_many(&self) -> bool {
+        self.live.load(Ordering::Acquire) > MOST_GUESTS / 2
+    }
+
+    pub fn stop(&self) -> &Stop {
+        self.crew.stop()
+    }
+}
+
+/// Counted while it lives.
+struct Guest(Arc<AtomicUsize>);
+
+impl Drop for Guest {
+    fn drop(&mut self) {
+        self.0.fetch_sub(1, Ordering::AcqRel);
     }
 }
 
@@ -107,5 +164,41 @@ mod tests {
             io::ErrorKind::QuotaExceeded
         );
         assert!(crew.dismiss(Duration::from_secs(10)));
+    }
+
+    #[test]
+    fn guests_take_no_place_of_the_node_or_of_another_listener() {
+        let crew = Crew::new().unwrap();
+        let wait = || {
+            let stop = crew.stop().clone();
+            move || drop(stop.wait(&[], None))
+        };
+        for guests in [crew.guests(), crew.guests()] {
+            for place in 0..MOST_GUESTS {
+                assert_eq!(guests.are_many(), place > MOST_GUESTS / 2);
+                guests.spawn("guest", wait()).unwrap();
+            }
+            let refused = guests.spawn("one more", || {}).unwrap_err();
+            assert_eq!(refused.kind(), io::ErrorKind::QuotaExceeded);
+        }
+        for _ in 0..MOST_THREADS - 2 * MOST_GUESTS {
+            crew.spawn("own", wait()).unwrap();
+        }
+        assert!(crew.dismiss(Duration::from_secs(10)));
+    }
+
+    #[test]
+    fn a_guest_that_has_gone_leaves_its_place() {
+        let crew = Crew::new().unwrap();
+        let guests = crew.guests();
+        for _ in 0..3 * MOST_GUESTS {
+            let (ends, ended) = std::sync::mpsc::channel();
+            let guest = guests.live.clone();
+            guests.spawn("guest", move || ends.send(()).unwrap()).unwrap();
+            ended.recv().unwrap();
+            while guest.load(Ordering::Acquire) > 0 {
+                std::thread::yield_now();
+            }
+        }
     }
 }

@@ -52,6 +52,7 @@ enum Refusal {
 /// Welcomes subscribers until the crew is dismissed. Returns at once.
 pub(super) fn serve(listener: TcpListener, node: &Arc<Membership>) -> io::Result<()> {
     let member = Arc::clone(node);
+    let guests = node.crew.guests();
     node.crew.spawn("tcpros-accept", move || {
         let ended = accept_all(&listener, member.crew.stop(), |stream, peer| {
             let node = Arc::clone(&member);
@@ -61,10 +62,7 @@ pub(super) fn serve(listener: TcpListener, node: &Arc<Membership>) -> io::Result
                     reason: cut(&reason),
                 })
             };
-            if let Err(error) = member
-                .crew
-                .spawn("tcpros-serve", move || welcome(&node, stream, peer))
-            {
+            if let Err(error) = guests.spawn("tcpros-serve", move || welcome(&node, stream, peer)) {
                 refused(error.to_string());
             }
         });

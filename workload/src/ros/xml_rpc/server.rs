@@ -14,14 +14,14 @@ use super::{
 };
 use crate::ros::{
     Notice, Notices,
-    crew::Crew,
+    crew::{Crew, Guests},
     socket::{Socket, accept_all},
     stop::WaitError,
 };
 
 /// From a request's first byte to its last, and for the answer to be taken.
 const REQUEST_PATIENCE: Duration = Duration::from_secs(10);
-/// For a connection on which nothing is asked. Clients open another when they find theirs closed.
+/// For a connection on which nothing is asked, unless there are many. Clients open another when they find theirs closed.
 const IDLE_PATIENCE: Duration = Duration::from_secs(300);
 /// `system.multicall` answers that many calls: rospy ends with one for each of its topics and services.
 const MOST_CALLS: usize = 1000;
@@ -92,15 +92,15 @@ pub(in crate::ros) fn serve(
     api: Arc<dyn Api>,
 ) -> io::Result<()> {
     let notices = notices.clone();
-    let members = crew.clone();
+    let guests = crew.guests();
     crew.spawn("xmlrpc-accept", move || {
-        let ended = accept_all(&listener, members.stop(), |stream, peer| {
+        let ended = accept_all(&listener, guests.stop(), |stream, peer| {
             let served = {
-                let (stop, notices, api) = (members.stop().clone(), notices.clone(), Arc::clone(&api));
-                members.spawn("xmlrpc", move || {
-                    let ended = Socket::adopt(stream, stop)
+                let (others, notices, api) = (guests.clone(), notices.clone(), Arc::clone(&api));
+                guests.spawn("xmlrpc", move || {
+                    let ended = Socket::adopt(stream, others.stop().clone())
                         .map_err(WaitError::from)
-                        .and_then(|socket| converse(&socket, peer, &notices, &*api));
+                        .and_then(|socket| converse(&socket, peer, &notices, &*api, &others));
                     // Peers come and go; what they did wrong has been noticed where it was known.
                     drop(ended);
                 })
@@ -122,7 +122,13 @@ pub(in crate::ros) fn serve(
 }
 
 /// Answers the requests of one connection.
-fn converse(socket: &Socket, peer: SocketAddr, notices: &Notices, api: &dyn Api) -> Result<(), WaitError> {
+fn converse(
+    socket: &Socket,
+    peer: SocketAddr,
+    notices: &Notices,
+    api: &dyn Api,
+    guests: &Guests,
+) -> Result<(), WaitError> {
     socket.set_nodelay()?;
     let refused = |reason: &dyn ToString| {
         notices.send(Notice::CallerRefused {
@@ -132,7 +138,8 @@ fn converse(socket: &Socket, peer: SocketAddr, notices: &Notices, api: &dyn Api)
     };
     let mut inbox = Inbox::new(Role::Requests);
     let mut buffer = [0; 4096];
-    let mut deadline = Instant::now() + IDLE_PATIENCE;
+    let mut idle_since = Instant::now();
+    let mut deadline = idle_since + REQUEST_PATIENCE;
     loop {
         match inbox.next() {
             Ok(Some(message)) => {
@@ -142,20 +149,26 @@ fn converse(socket: &Socket, peer: SocketAddr, notices: &Notices, api: &dyn Api)
                 if !message.keep_alive {
                     return Ok(());
                 }
-                let patience = if inbox.has_begun() {
-                    REQUEST_PATIENCE
-                } else {
-                    IDLE_PATIENCE
-                };
-                deadline = Instant::now() + patience;
+                idle_since = Instant::now();
+                deadline = idle_since + REQUEST_PATIENCE;
             }
             Ok(None) => {
                 let begun = inbox.has_begun();
-                let count = socket.read(&mut buffer, Some(deadline)).inspect_err(|error| {
-                    if begun {
-                        refused(error)
+                let count = match socket.read(&mut buffer, Some(deadline)) {
+                    Ok(count) => count,
+                    Err(WaitError::TimedOut)
+                        if !begun && idle_since.elapsed() < IDLE_PATIENCE && !guests.are_many() =>
+                    {
+                        deadline = Instant::now() + REQUEST_PATIENCE;
+                        continue;
                     }
-                })?;
+                    Err(error) => {
+                        if begun {
+                            refused(&error);
+                        }
+                        return Err(error);
+                    }
+                };
                 inbox.take_in(buffer.get(..count).unwrap_or_default());
                 if !begun {
                     deadline = Instant::now() + REQUEST_PATIENCE;
