@@ -47,12 +47,19 @@ impl CommandReader {
     }
 }
 
+/// The values of a message. None for one that is of another kind, or has a value that is no number: a plant that was
+/// given one voltage of infinity never comes back from it.
+fn finite<const N: usize>(message: &[u8]) -> Option<[f64; N]> {
+    let values = decode::<N>(message).ok()?;
+    values.iter().all(|value| value.is_finite()).then_some(values)
+}
+
 /// For the topic of states. A message that is none is passed over: it cannot be ours.
 pub fn states() -> (impl FnMut(&[u8]) + Send + 'static, StateReader) {
     let (mut writer, values) = latest::<{ STATE_WORDS + 1 }>();
     let receive = move |message: &[u8]| {
         let received_ns = monotonic_ns();
-        if let Ok(values) = decode::<STATE_WORDS>(message) {
+        if let Some(values) = finite::<STATE_WORDS>(message) {
             let mut words = [0; STATE_WORDS + 1];
             let sources = values
                 .iter()
@@ -72,7 +79,7 @@ pub fn states() -> (impl FnMut(&[u8]) + Send + 'static, StateReader) {
 pub fn commands() -> (impl FnMut(&[u8]) + Send + 'static, CommandReader) {
     let (mut writer, values) = latest::<COMMAND_WORDS>();
     let receive = move |message: &[u8]| {
-        if let Ok(values) = decode::<COMMAND_WORDS>(message) {
+        if let Some(values) = finite::<COMMAND_WORDS>(message) {
             writer.publish(&values.map(f64::to_bits));
         }
     };
@@ -108,5 +115,16 @@ mod tests {
         let (mut receive, reader) = commands();
         receive(Encoder::new(["seq"]).encode(&[1.0]));
         assert_eq!(reader.read(), None);
+    }
+
+    #[rstest::rstest]
+    #[case(f64::NAN)]
+    #[case(f64::NEG_INFINITY)]
+    fn a_value_that_is_no_number_does_not_reach_a_loop(#[case] value: f64) {
+        let (mut receive, reader) = commands();
+        let mut encoder = Encoder::new(CommandMessage::FIELDS);
+        receive(encoder.encode(&[1.0, 0.02, 3.0, 4.0]));
+        receive(encoder.encode(&[2.0, 0.04, value, 4.0]));
+        assert_eq!(reader.read().unwrap().seq, 1);
     }
 }

@@ -117,6 +117,21 @@ mod tests {
         }
 
         #[test]
+        fn a_header_that_was_tampered_with_is_read_or_refused_and_holds_no_more_than_it_was(
+            fields in proptest::collection::vec(("[a-z_]{1,12}", "(?s).{0,30}"), 1..8),
+            changes in proptest::collection::vec((any::<proptest::sample::Index>(), any::<u8>()), 1..4),
+        ) {
+            let mut bytes = ConnectionHeader { fields }.to_bytes().split_off(4);
+            for (place, byte) in changes {
+                *place.get_mut(&mut bytes) = byte;
+            }
+            if let Ok(header) = ConnectionHeader::parse(&bytes) {
+                let held = header.fields.iter().map(|(name, value)| name.len() + value.len());
+                prop_assert!(held.sum::<usize>() < bytes.len());
+            }
+        }
+
+        #[test]
         fn no_bytes_make_it_panic(bytes: Vec<u8>) {
             let _ = ConnectionHeader::parse(&bytes);
         }

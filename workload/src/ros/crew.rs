@@ -197,7 +197,7 @@ mod tests {
             guests.spawn("guest", move || ends.send(()).unwrap()).unwrap();
             ended.recv().unwrap();
             while guest.load(Ordering::Acquire) > 0 {
-                std::thread::yield_now();
+                thread::yield_now();
             }
         }
     }

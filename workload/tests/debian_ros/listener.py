@@ -20,6 +20,6 @@ def receive(message):
         print("received", count, flush=True)
 
 
-rospy.init_node("listener", disable_rosout=True)
+rospy.init_node(sys.argv[1], disable_rosout=True)
 rospy.Subscriber("/state", Float64MultiArray, receive, tcp_nodelay="nodelay" in sys.argv)
 rospy.spin()

@@ -3,8 +3,10 @@
 
 #![allow(clippy::unwrap_used, clippy::panic)]
 
+mod abuse;
 mod listeners;
 mod master;
+mod nodelay;
 mod nodes;
 mod rostopic;
 mod stage;

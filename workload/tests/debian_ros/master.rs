@@ -45,7 +45,7 @@ fn wait_until_gone(process: Pid) {
 fn a_rosmaster_that_dies_is_started_again_and_knows_our_topics_while_messages_flow() {
     let _machine = machine();
     let mut stage = Stage::rehearse(&settings("rosmaster"), &[]);
-    let listener = stage.node("h1", "listener.py", &[]);
+    let listener = stage.node("h1", "listener.py", &["listener"]);
     listener.wait_for("received 50");
     for _ in 0..2 {
         let former = rosmaster_of(&stage);

@@ -11,7 +11,7 @@ use crate::{
 fn a_rospy_subscriber_gets_every_state(#[values("embedded", "rosmaster")] master: &str) {
     let _machine = machine();
     let mut stage = Stage::rehearse(&settings(master), &[]);
-    let listener = stage.node("h1", "listener.py", &[]);
+    let listener = stage.node("h1", "listener.py", &["listener"]);
     stage.wait_for_notice("/listener at 10.0.0.1:");
     let line = listener.wait_for("");
     assert_eq!(line, "received 50");

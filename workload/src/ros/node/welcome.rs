@@ -169,12 +169,13 @@ fn attend(node: &Membership, socket: &Socket, peer: SocketAddr, subscriber: Subs
         seat,
     } = subscriber;
     publication.admit(seat, Arc::clone(socket.stream()));
-    let connection = publication.connections.add(name.clone());
+    // Before it counts: whoever waits for it finds the notice.
     node.notices.send(Notice::SubscriberConnected {
         topic: publication.topic.clone(),
         subscriber: name.clone(),
         peer,
     });
+    let connection = publication.connections.add(name.clone());
     let mut ignored = [0; 256];
     let ended = loop {
         // Subscribers have nothing to say after their header.

@@ -175,11 +175,12 @@ impl Inlet {
 
     /// Gives out messages until the connection ends.
     fn receive(&self, socket: &Socket, mut frames: Frames) -> Result<(), InletError> {
-        let _connection = self.intake.connections.add(self.publisher.clone());
+        // Before it counts: whoever waits for it finds the notice.
         self.intake.notices.send(Notice::PublisherConnected {
             topic: self.intake.topic.clone(),
             publisher: self.publisher.clone(),
         });
+        let _connection = self.intake.connections.add(self.publisher.clone());
         loop {
             let mut on_message = self
                 .intake

@@ -461,6 +461,19 @@ mod tests {
         }
 
         #[test]
+        fn a_call_that_was_tampered_with_does_not_make_the_reader_panic(
+            value in values(),
+            changes in proptest::collection::vec((any::<proptest::sample::Index>(), "[<>/&;a0 ]?"), 1..4),
+        ) {
+            let mut xml: Vec<char> = write_call("m", &[value]).chars().collect();
+            for (place, text) in changes {
+                let place = place.index(xml.len());
+                xml.splice(place..=place, text.chars());
+            }
+            let _ = read_call(&xml.into_iter().collect::<String>());
+        }
+
+        #[test]
         fn no_text_makes_the_reader_panic(
             xml in "(<(/)?(methodCall|methodName|params|param|value|int|array|data|struct|member|name)(/)?>|[a&;<>!#0-9 -]){0,40}"
         ) {

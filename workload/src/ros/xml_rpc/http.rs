@@ -346,6 +346,20 @@ mod tests {
         }
 
         #[test]
+        fn a_request_that_was_tampered_with_is_found_or_refused_within_the_limits(
+            body in "[a-z]{0,40}",
+            changes in proptest::collection::vec((any::<proptest::sample::Index>(), any::<u8>()), 1..4),
+        ) {
+            let mut bytes = request("h", "/", &body);
+            for (place, byte) in changes {
+                *place.get_mut(&mut bytes) = byte;
+            }
+            for message in read_all(Role::Requests, &bytes).unwrap_or_default() {
+                prop_assert!(message.body.len() <= bytes.len());
+            }
+        }
+
+        #[test]
         fn no_bytes_make_it_panic(bytes: Vec<u8>) {
             let _ = read_all(Role::Requests, &bytes);
             let _ = read_all(Role::Responses, &bytes);
