@@ -15,6 +15,7 @@ mod executable;
 pub mod fake;
 mod lines;
 pub mod native;
+mod roster;
 mod settings;
 pub mod vagrant;
 
@@ -33,6 +34,7 @@ use crate::state_directory::StateDirectory;
 
 pub use ended::Ended;
 pub use error::ProviderError;
+pub use roster::Roster;
 pub use settings::ProviderSettings;
 
 use self::{docker::Docker, fake::Fake, native::Native, vagrant::Vagrant};

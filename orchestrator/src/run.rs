@@ -15,6 +15,8 @@ pub mod session;
 pub mod state;
 pub mod stop;
 
+use std::sync::Arc;
+
 use reports::run_directory::{Event, Outcome, PlanRecord, RunDirectory};
 
 use crate::{
@@ -49,7 +51,7 @@ impl RunError {
 
 /// Gives each scenario its provider: the production one, or a test's.
 pub type Choose<'a> =
-    &'a (dyn Fn(&reports::run_directory::PlannedScenario) -> Result<Box<dyn Provider>, ProviderError> + Sync);
+    &'a (dyn Fn(&reports::run_directory::PlannedScenario) -> Result<Arc<dyn Provider>, ProviderError> + Sync);
 
 /// One plan being carried out.
 pub struct Run<'a> {

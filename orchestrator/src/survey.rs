@@ -8,11 +8,17 @@ use workload::record::platform::RealtimeGrant;
 use crate::{
     matrix_file::{Connection, MatrixFile},
     plan::HostFacts,
-    provider::{self, Availability, ProviderSettings},
+    provider::{self, Availability, Roster},
 };
 
-/// Asks every host of the matrix that can be asked. One over SSH cannot yet: it is not in the answer.
-pub async fn survey(file: &MatrixFile) -> BTreeMap<String, HostFacts> {
+/// Asks every host of the matrix that can be asked for what the matrix names. One over SSH cannot yet: it is not in the
+/// answer.
+pub async fn survey(file: &MatrixFile, roster: &Roster) -> BTreeMap<String, HostFacts> {
+    let named = file.matrix.virtualizations();
+    let asked: Vec<&str> = provider::NAMES
+        .into_iter()
+        .filter(|name| named.contains(name))
+        .collect();
     let mut facts = BTreeMap::new();
     for host in file
         .hosts
@@ -20,27 +26,27 @@ pub async fn survey(file: &MatrixFile) -> BTreeMap<String, HostFacts> {
         .filter(|host| host.connection == Connection::Local)
     {
         let name = host.name.value.clone();
-        facts.insert(name.clone(), this_machine(&name, &file.providers).await);
+        facts.insert(name.clone(), this_machine(&name, &asked, roster).await);
     }
     facts
 }
 
-/// What this machine is and what its providers say.
-pub async fn this_machine(host: &str, settings: &ProviderSettings) -> HostFacts {
+/// What this machine is and what those of its providers say.
+pub async fn this_machine(host: &str, asked: &[&str], roster: &Roster) -> HostFacts {
     let platform = workload::survey::platform(RealtimeGrant::default());
     HostFacts {
         hardware: platform.machine,
         os: platform.os,
-        providers: providers(host, settings).await,
+        providers: providers(host, asked, roster).await,
     }
 }
 
-/// Asks all providers at once: each answer is a process or a connection away.
-async fn providers(host: &str, settings: &ProviderSettings) -> BTreeMap<String, Availability> {
+/// Asks the providers all at once: each answer is a process or a connection away.
+async fn providers(host: &str, asked: &[&str], roster: &Roster) -> BTreeMap<String, Availability> {
     let mut asking = Vec::new();
-    for name in provider::NAMES {
-        if let Ok(provider) = provider::choose(name, settings, host) {
-            asking.push((name, tokio::spawn(async move { provider.survey().await })));
+    for name in asked {
+        if let Ok(provider) = roster.provider(name, host) {
+            asking.push((*name, tokio::spawn(async move { provider.survey().await })));
         }
     }
     let mut answers = BTreeMap::new();

@@ -76,8 +76,9 @@ use crate::{
     virtual_host::VirtualHost,
 };
 
-/// How far ahead the experiment's zero is chosen: room to create the first window's files.
-const AHEAD_NS: i64 = 20_000_000;
+/// How far ahead the plant's first step is chosen: room to tell the loops. The first window's files and captures have
+/// `control.phase` besides.
+const AHEAD_NS: i64 = 5_000_000;
 
 /// What is to be measured.
 #[derive(Debug, Clone, PartialEq)]

@@ -11,7 +11,7 @@ use crate::{
     exit::Exit,
     matrix_file::THIS_MACHINE,
     plan::HostFacts,
-    provider::{Availability, ProviderSettings, native},
+    provider::{self, Availability, ProviderSettings, Roster, native},
     state_directory::StateDirectory,
     survey,
     terminal::{self, Complaint},
@@ -29,7 +29,12 @@ pub struct DoctorArguments {
 /// # Errors
 /// When the workload's own check cannot be run.
 pub async fn execute(arguments: &DoctorArguments) -> Result<Exit, Complaint> {
-    let facts = survey::this_machine(THIS_MACHINE, &ProviderSettings::default()).await;
+    let facts = survey::this_machine(
+        THIS_MACHINE,
+        &provider::NAMES,
+        &Roster::new(ProviderSettings::default()),
+    )
+    .await;
     let checks = native::check(&StateDirectory::of_this_user())
         .await
         .map_err(|error| Complaint::new(Exit::Infrastructure, &error, error.hint()))?

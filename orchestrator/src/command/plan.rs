@@ -14,6 +14,7 @@ use crate::{
     exit::Exit,
     matrix_file::MatrixFile,
     plan::{self, Plan, Selection},
+    provider::Roster,
     survey,
     terminal::{self, Complaint},
 };
@@ -35,6 +36,8 @@ pub struct Planned {
     pub file: MatrixFile,
     /// The plan.
     pub plan: Plan,
+    /// The providers that were asked.
+    pub roster: Roster,
 }
 
 /// Plans and shows it.
@@ -61,7 +64,8 @@ pub async fn plan(
     output: OutputArguments,
 ) -> Result<Planned, Complaint> {
     let file = MatrixFile::read(path, selection.profile.as_deref()).map_err(Complaint::of_mistakes)?;
-    let facts = survey::survey(&file).await;
+    let roster = Roster::new(file.providers.clone());
+    let facts = survey::survey(&file, &roster).await;
     let selected = Selection {
         only: selection.only.clone(),
         skip: selection.skip.clone(),
@@ -70,7 +74,7 @@ pub async fn plan(
     if !plan.warnings.is_empty() && !output.quiet {
         terminal::mistakes(&plan.warnings);
     }
-    Ok(Planned { file, plan })
+    Ok(Planned { file, plan, roster })
 }
 
 /// The plan as JSON.

@@ -50,6 +50,7 @@ pub async fn execute(arguments: &ResumeArguments) -> Result<Exit, Complaint> {
         &directory,
         &recorded.manifest,
         &recorded.plan,
+        &recorded.roster()?,
         recorded.state,
         true,
         show,

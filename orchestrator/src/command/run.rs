@@ -75,7 +75,16 @@ pub async fn execute(arguments: &RunArguments) -> Result<Exit, Complaint> {
         ));
     }
     let show = if quiet { Show::Nothing } else { Show::Progress };
-    let exit = session::carry_out(&directory, &manifest, record, RunState::default(), false, show).await?;
+    let exit = session::carry_out(
+        &directory,
+        &manifest,
+        record,
+        &planned.roster,
+        RunState::default(),
+        false,
+        show,
+    )
+    .await?;
     report::after_run(&directory, exit, arguments.output)
 }
 

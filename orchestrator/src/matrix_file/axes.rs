@@ -2,13 +2,13 @@
 //!
 //! What they expand to is the plan's matter.
 
-use std::sync::Arc;
+use std::{collections::BTreeSet, sync::Arc};
 
 use super::{
     diagnostic::{Code, Diagnostic, Diagnostics},
     source::{Source, Span, Spanned},
     spelling::{did_you_mean, propose},
-    sweep::{Role, known_axes},
+    sweep::{Role, VIRTUALIZATION, known_axes},
     tree::{Content, Node},
 };
 use crate::provider;
@@ -24,6 +24,26 @@ pub struct Axes {
     pub includes: Vec<Include>,
     /// Where the section stands.
     pub span: Span,
+}
+
+impl Axes {
+    /// What the section names as `virtualization`, and native, which is what a combination without one gets.
+    #[must_use]
+    pub fn virtualizations(&self) -> BTreeSet<&str> {
+        let axis = self.axes.iter().find(|axis| axis.name.value == VIRTUALIZATION);
+        let listed = axis.into_iter().flat_map(|axis| &axis.values);
+        let included = self.includes.iter().map(|include| {
+            let values = &include.values;
+            values.iter().find(|given| given.axis.value == VIRTUALIZATION)
+        });
+        let without = (axis.is_none() || included.clone().any(|given| given.is_none())).then_some("native");
+        let included = included.flatten().map(|given| given.value.text.as_str());
+        listed
+            .map(|value| value.text.as_str())
+            .chain(included)
+            .chain(without)
+            .collect()
+    }
 }
 
 /// One axis.

@@ -217,3 +217,16 @@ fn the_schema_that_is_committed_is_current() {
         "run `matrix schema > docs/matrix.schema.json`"
     );
 }
+
+#[rstest]
+#[case::as_listed("matrix: {virtualization: [docker, libvirt]}\n", &["docker", "libvirt"])]
+#[case::native_where_none_is_listed("matrix: {os: [debian-12]}\n", &["native"])]
+#[case::also_included("matrix:\n  virtualization: [docker]\n  include:\n    - {virtualization: native}\n", &["docker", "native"])]
+#[case::native_in_an_include_without_one(
+    "matrix:\n  virtualization: [docker]\n  include:\n    - {period: 50s}\n",
+    &["docker", "native"]
+)]
+fn what_a_matrix_names_is_what_hosts_are_asked_for(#[case] text: &str, #[case] named: &[&str]) {
+    let file = MatrixFile::parse("matrix.yaml", text.as_bytes(), None).unwrap();
+    assert_eq!(file.matrix.virtualizations(), named.iter().copied().collect());
+}

@@ -10,7 +10,7 @@ use reports::{
 use serde::Serialize;
 
 use super::state::RunState;
-use crate::{exit::Exit, terminal::Complaint};
+use crate::{exit::Exit, provider::Roster, terminal::Complaint};
 
 /// What was asked, what was planned, what happened.
 #[derive(Debug, Clone, PartialEq)]
@@ -54,6 +54,21 @@ impl RecordedRun {
             plan,
             state,
         })
+    }
+
+    /// The providers that it was begun with.
+    ///
+    /// # Errors
+    /// When their settings cannot be understood.
+    pub fn roster(&self) -> Result<Roster, Complaint> {
+        match serde_json::from_value(self.manifest.providers.clone()) {
+            Ok(settings) => Ok(Roster::new(settings)),
+            Err(error) => Err(Complaint::new(
+                Exit::Wrong,
+                &error,
+                Some("manifest.json is of another version of matrix".to_owned()),
+            )),
+        }
     }
 
     /// Makes a new run directory with manifest and plan on disk. Fails if there is anything at that place.

@@ -16,7 +16,7 @@ use crate::{
     journal::Journal,
     lease::{self, Asked, Holder, Lease},
     observer::{Events, Observer, plain_log::PlainLog, progress_bars::ProgressBars},
-    provider::{self, ProviderSettings},
+    provider::Roster,
     terminal::{self, Complaint},
 };
 
@@ -59,17 +59,11 @@ pub async fn carry_out(
     directory: &RunDirectory,
     manifest: &Manifest,
     plan: &PlanRecord,
+    roster: &Roster,
     state: RunState,
     resumed: bool,
     show: Show,
 ) -> Result<Exit, Complaint> {
-    let settings: ProviderSettings = serde_json::from_value(manifest.providers.clone()).map_err(|error| {
-        Complaint::new(
-            Exit::Wrong,
-            &error,
-            Some("manifest.json is of another version of matrix".to_owned()),
-        )
-    })?;
     let journal = Journal::open(&directory.journal())
         .map_err(|error| Complaint::new(Exit::Infrastructure, &error, Some(error.hint())))?;
     let (switch, stop) = stop::stop_switch();
@@ -77,7 +71,7 @@ pub async fn carry_out(
     let choose = move |planned: &PlannedScenario| {
         let virtualization = planned.axis("virtualization");
         let host = planned.host.as_deref().unwrap_or_default();
-        provider::choose(virtualization.as_deref().unwrap_or("native"), &settings, host)
+        roster.provider(virtualization.as_deref().unwrap_or("native"), host)
     };
     let mut run = Run {
         name: manifest.run.clone(),

@@ -124,15 +124,17 @@ pub fn write_whole(path: &Path, content: &impl serde::Serialize) -> io::Result<(
     file.write_all(&text)?;
     file.sync_all()?;
     fs::rename(&unfinished, path)?;
-    let folder = path
-        .parent()
-        .filter(|folder| !folder.as_os_str().is_empty())
-        .unwrap_or(Path::new("."));
-    File::open(folder)?.sync_all()?;
+    File::open(above(path))?.sync_all()?;
     // The folder's own name is on the disk too before the window counts.
-    folder
-        .parent()
-        .map_or(Ok(()), |above| File::open(above)?.sync_all())
+    File::open(above(above(path)))?.sync_all()
+}
+
+/// The folder in which a path is; a relative one begins in the working directory.
+fn above(path: &Path) -> &Path {
+    match path.parent() {
+        Some(folder) if !folder.as_os_str().is_empty() => folder,
+        _ => Path::new("."),
+    }
 }
 
 #[cfg(test)]
@@ -159,6 +161,13 @@ mod tests {
             "ba7816bf8f01cfea414140de5dae2223b00361a396177a9cb410ff61f20015ad"
         );
         assert_eq!(record.bytes, 3);
+    }
+
+    #[test]
+    fn a_relative_path_begins_in_the_working_directory() {
+        assert_eq!(above(Path::new("/data/a.json")), Path::new("/data"));
+        assert_eq!(above(Path::new("data/a.json")), Path::new("data"));
+        assert_eq!(above(Path::new("data")), Path::new("."));
     }
 
     #[test]

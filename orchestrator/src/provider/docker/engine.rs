@@ -44,12 +44,10 @@ impl Engine {
     /// When none answers.
     pub async fn connect(address: &str) -> Result<Self, ProviderError> {
         let unreachable = |error| unreachable(address, error);
-        let api = Api::connect_with_host(address)
-            .map_err(unreachable)?
-            .negotiate_version()
-            .await
-            .map_err(unreachable)?;
-        let version = api.version().await.map_err(unreachable)?;
+        let api = Api::connect_with_host(address).map_err(unreachable)?;
+        // An engine takes some milliseconds to say its version, since it asks its parts for theirs.
+        let (version, api) = tokio::join!(api.version(), api.clone().negotiate_version());
+        let (version, api) = (version.map_err(unreachable)?, api.map_err(unreachable)?);
         Ok(Self {
             api,
             version: version.version.unwrap_or_default(),

@@ -104,7 +104,7 @@ async fn events(platform: Refusing) -> Vec<Event> {
     let journal = Journal::open(&directory.journal()).unwrap();
     let (keep, kept) = std::sync::mpsc::channel();
     let (_switch, stop) = stop_switch();
-    let choose = |_: &PlannedScenario| Ok(Box::new(platform.clone()) as Box<dyn Provider>);
+    let choose = |_: &PlannedScenario| Ok(Arc::new(platform.clone()) as Arc<dyn Provider>);
     let mut run = Run {
         name: "r".into(),
         directory,
