@@ -113,8 +113,13 @@ pub fn run(
     let captures = start_captures(settings, network.as_ref())?;
     let mut board = NoticeBoard::new();
     let connection = Connection::open(network.as_ref(), settings, &board, stop);
-    // Those of connecting explain why it failed, and belong to no window.
-    board.look(|progress| reporter.say(progress));
+    // Those of connecting belong to no window. Where it failed they explain why.
+    let failed = connection.is_err();
+    board.look(|progress| {
+        if failed {
+            reporter.say(progress);
+        }
+    });
     let Some(connection) = connection? else {
         return Ok(Ending::Stopped { window: first });
     };

@@ -20,6 +20,7 @@ use crate::{
     realtime::enter_realtime,
     record::{control_log::ControlRow, platform::RealtimeGrant},
     reference::Reference,
+    ros::Publisher,
     settings::{RealtimeSettings, Settings},
 };
 
@@ -79,9 +80,10 @@ impl LoopThreads {
     /// # Errors
     /// If one ended in a panic.
     pub fn join(self) -> Result<(), ExperimentError> {
-        let plant = self.plant.join();
-        self.controller.join()?;
-        plant
+        let plant = self.plant.end();
+        let controller = self.controller.end();
+        // Only now the connections close: neither loop has lost its peer.
+        controller.and(plant).map(drop)
     }
 }
 
@@ -89,7 +91,8 @@ impl LoopThreads {
 pub struct LoopThread {
     name: &'static str,
     begins: Sender<(Schedule, Shared)>,
-    thread: JoinHandle<()>,
+    /// Its publisher, unless it was never begun.
+    thread: JoinHandle<Option<Publisher>>,
 }
 
 impl LoopThread {
@@ -137,16 +140,15 @@ impl LoopThread {
     fn start(
         name: &'static str,
         wishes: &RealtimeSettings,
-        run: impl FnOnce(&Schedule, &Shared) + Send + 'static,
+        run: impl FnOnce(&Schedule, &Shared) -> Publisher + Send + 'static,
     ) -> Result<(Self, RealtimeGrant), ExperimentError> {
         let (begins, to_begin): (_, Receiver<(Schedule, Shared)>) = channel();
         let (grants, granted) = channel();
         let wishes = wishes.clone();
         let thread = thread::Builder::new().name(name.into()).spawn(move || {
             let _ = grants.send(enter_realtime(&wishes));
-            if let Ok((schedule, shared)) = to_begin.recv() {
-                run(&schedule, &shared);
-            }
+            let (schedule, shared) = to_begin.recv().ok()?;
+            Some(run(&schedule, &shared))
         });
         let thread = thread.map_err(|source| ExperimentError::Thread { name, source })?;
         let grant = granted
@@ -169,6 +171,10 @@ impl LoopThread {
     /// # Errors
     /// If it ended in a panic.
     pub fn join(self) -> Result<(), ExperimentError> {
+        self.end().map(drop)
+    }
+
+    fn end(self) -> Result<Option<Publisher>, ExperimentError> {
         drop(self.begins);
         self.thread
             .join()

@@ -49,8 +49,9 @@ pub struct PlantLoop {
 }
 
 impl PlantLoop {
-    /// Does all steps. Publishes the state first, then applies the newest command until the next step.
-    pub fn run(mut self, schedule: &Schedule, shared: &Shared) {
+    /// Does all steps. Publishes the state first, then applies the newest command until the next step. Gives the
+    /// publisher back: dropping it closes its connections, which is for when the other loop has ended, too.
+    pub fn run(mut self, schedule: &Schedule, shared: &Shared) -> Publisher {
         let mut encoder = Encoder::new(StateMessage::FIELDS);
         let mut axes = [AxisState::default(); 2];
         schedule.follow(&shared.stop, |tick| {
@@ -67,6 +68,7 @@ impl PlantLoop {
                 shared.log_dropped.fetch_add(1, Ordering::Relaxed);
             }
         });
+        self.publisher
     }
 }
 
@@ -85,8 +87,8 @@ pub struct ControllerLoop {
 }
 
 impl ControllerLoop {
-    /// Does all steps.
-    pub fn run(mut self, schedule: &Schedule, shared: &Shared) {
+    /// Does all steps. Gives the publisher back, as the plant does.
+    pub fn run(mut self, schedule: &Schedule, shared: &Shared) -> Publisher {
         let mut encoder = Encoder::new(CommandMessage::FIELDS);
         schedule.follow(&shared.stop, |tick| {
             let reference_m = self.reference.at_step(tick.step);
@@ -118,5 +120,6 @@ impl ControllerLoop {
                 shared.log_dropped.fetch_add(1, Ordering::Relaxed);
             }
         });
+        self.publisher
     }
 }

@@ -256,9 +256,8 @@ impl<'a> Recorder<'a> {
             return Err(error.into());
         }
         let reporter = self.reporter;
-        let news = self.sources.board.look(|progress| reporter.say(progress));
         if let Some(window) = &mut self.current {
-            window.add_news(news);
+            window.add_news(self.sources.board.look(|progress| reporter.say(progress)));
         }
         let now_ns = monotonic_ns();
         if self.next_folder.is_none()

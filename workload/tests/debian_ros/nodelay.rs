@@ -26,6 +26,24 @@ struct Flow {
 }
 
 impl Flow {
+    fn add(&mut self, segment: &Segment, sends: bool) {
+        if !sends {
+            self.acknowledged = Some(segment.acknowledges);
+            return;
+        }
+        if segment.payload == 0 || segment.is_syn {
+            return;
+        }
+        // The header that answers the subscriber's is no whole number of messages, nor are its parts.
+        let message_bytes = state_bytes();
+        if segment.payload % message_bytes == 0 {
+            self.segments.push(segment.payload / message_bytes);
+            let outstanding = self.next_sequence.zip(self.acknowledged);
+            self.unacknowledged_before += usize::from(outstanding.is_some_and(|(next, known)| next != known));
+        }
+        self.next_sequence = Some(segment.sequence.wrapping_add(segment.payload as u32));
+    }
+
     fn messages_per_segment(&self) -> f64 {
         self.segments.iter().sum::<usize>() as f64 / self.segments.len() as f64
     }
@@ -76,46 +94,41 @@ fn state_bytes() -> usize {
     4 + Encoder::new(fields).encode(&[0.0; 10]).len()
 }
 
-/// What the plant sent to each subscriber, by the subscriber's port, as its own host saw it leave.
-fn flows(capture: &Path, subscribers: &BTreeMap<String, u16>) -> BTreeMap<String, Flow> {
+/// What the plant sent to our controller and to each listener, as its own host saw it leave.
+fn flows(capture: &Path, listeners: &BTreeMap<String, u16>) -> BTreeMap<String, Flow> {
     const PLANT: [u8; 4] = [10, 0, 0, 3];
-    let message_bytes = state_bytes();
-    let mut flows: BTreeMap<String, Flow> = BTreeMap::new();
+    const CONTROLLER: [u8; 4] = [10, 0, 0, 2];
+    let mut segments = Vec::new();
     let mut reader = PcapReader::new(File::open(capture).unwrap()).unwrap();
     while let Some(packet) = reader.next_packet() {
-        let packet = packet.unwrap();
-        let Some(segment) = Segment::parse(&packet.data) else {
-            continue;
+        segments.extend(Segment::parse(&packet.unwrap().data));
+    }
+    // The plant has one port for all its subscribers.
+    let is_listener = |port: u16| listeners.values().any(|known| *known == port);
+    let to_listener = segments
+        .iter()
+        .find(|segment| segment.from.0 == PLANT && is_listener(segment.to.1));
+    let topic = to_listener.unwrap().from;
+    let mut flows: BTreeMap<String, Flow> = BTreeMap::new();
+    for segment in segments {
+        let (sends, peer) = match (segment.from == topic, segment.to == topic) {
+            (true, _) => (true, segment.to),
+            (_, true) => (false, segment.from),
+            _ => continue,
         };
-        let port = if segment.from.0 == PLANT {
-            segment.to.1
-        } else {
-            segment.from.1
+        let listener = listeners.iter().find(|(_, port)| **port == peer.1);
+        let name = match listener {
+            Some((name, _)) => name.clone(),
+            None if peer.0 == CONTROLLER => "/controller".to_owned(),
+            None => continue,
         };
-        let Some((name, _)) = subscribers.iter().find(|(_, known)| **known == port) else {
-            continue;
-        };
-        let flow = flows.entry(name.clone()).or_default();
-        if segment.from.0 != PLANT {
-            flow.acknowledged = Some(segment.acknowledges);
-        } else if segment.payload > 0 && !segment.is_syn {
-            // The header that answers the subscriber's is no whole number of messages, nor are its parts.
-            if segment.payload % message_bytes == 0 {
-                flow.segments.push(segment.payload / message_bytes);
-                let outstanding = flow
-                    .next_sequence
-                    .zip(flow.acknowledged)
-                    .is_some_and(|(next, known)| next != known);
-                flow.unacknowledged_before += usize::from(outstanding);
-            }
-            flow.next_sequence = Some(segment.sequence.wrapping_add(segment.payload as u32));
-        }
+        flows.entry(name).or_default().add(&segment, sends);
     }
     flows
 }
 
-/// Who subscribed to the plant's states, and from which port.
-fn subscribers(said: &[Progress]) -> BTreeMap<String, u16> {
+/// Who subscribed to the plant's states while it was being measured, and from which port.
+fn listeners(said: &[Progress]) -> BTreeMap<String, u16> {
     let texts = said.iter().filter_map(|progress| match progress {
         Progress::Notice { text, .. } => text.strip_suffix(" subscribed to /state"),
         _ => None,
@@ -156,8 +169,7 @@ fn the_wire_shows_tcp_nodelay_as_each_subscriber_asked(#[case] ours_asks: bool) 
     let _does_not = stage.node("h1", "listener.py", &["does_not"]);
     stage.wait_for(|progress| matches!(progress, Progress::Finished));
 
-    let subscribers = subscribers(&stage.said);
-    let flows = flows(&data.path().join("window-1/sta2.pcap"), &subscribers);
+    let flows = flows(&data.path().join("window-1/sta2.pcap"), &listeners(&stage.said));
     for (name, asked) in [("/controller", ours_asks), ("/asks", true), ("/does_not", false)] {
         let flow = &flows[name];
         let together = flow.messages_per_segment();
