@@ -8,13 +8,14 @@ pub mod priority;
 
 use nix::{
     errno::Errno,
-    sys::mman::{MlockAllFlags, mlockall},
+    sys::{
+        mman::{MlockAllFlags, mlockall},
+        time::{TimeSpec, TimeValLike as _},
+    },
     time::{ClockId, ClockNanosleepFlags, clock_getres, clock_gettime, clock_nanosleep},
 };
 
 use crate::{record::platform::RealtimeGrant, settings::RealtimeSettings};
-
-const NANOSECONDS: i64 = 1_000_000_000;
 
 /// The monotonic clock, in nanoseconds since some time before the process began.
 #[must_use]
@@ -31,20 +32,17 @@ pub fn unix_ns() -> i64 {
 /// The resolution of the monotonic clock, in nanoseconds.
 #[must_use]
 pub fn resolution_ns() -> i64 {
-    clock_getres(ClockId::CLOCK_MONOTONIC).map_or(0, |time| time.tv_sec() * NANOSECONDS + time.tv_nsec())
+    clock_getres(ClockId::CLOCK_MONOTONIC).map_or(0, |time| time.num_nanoseconds())
 }
 
 fn read(clock: ClockId) -> i64 {
     // Neither clock can fail on Linux: both are there since 2.6.
-    clock_gettime(clock).map_or(0, |time| time.tv_sec() * NANOSECONDS + time.tv_nsec())
+    clock_gettime(clock).map_or(0, |time| time.num_nanoseconds())
 }
 
 /// Sleeps until the monotonic clock shows that time; returns at once if it has passed.
 pub fn sleep_until(monotonic_ns: i64) {
-    let deadline = nix::sys::time::TimeSpec::new(
-        monotonic_ns.div_euclid(NANOSECONDS),
-        monotonic_ns.rem_euclid(NANOSECONDS),
-    );
+    let deadline = TimeSpec::nanoseconds(monotonic_ns);
     // An absolute deadline makes repeating the call after a signal exact.
     while clock_nanosleep(
         ClockId::CLOCK_MONOTONIC,
@@ -84,6 +82,8 @@ fn refused(call: &str, errno: Errno) -> String {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    const NANOSECONDS: i64 = 1_000_000_000;
 
     #[test]
     fn a_deadline_is_never_met_early() {

@@ -5,7 +5,7 @@
 
 use std::{
     collections::HashMap,
-    fs,
+    env, fs,
     io::{BufRead, BufReader, Lines},
     path::{Path, PathBuf},
     process::{Child, ChildStdout, Command, ExitStatus, Stdio},
@@ -34,6 +34,12 @@ const STEP_NS: i64 = 20_000_000;
 /// They measure times, so that they run one after the other.
 static MACHINE: Mutex<()> = Mutex::new(());
 
+/// The binary that cargo built for this test, or the one that the environment names: that of another build, or a program
+/// that starts it under an emulator.
+fn workload() -> Command {
+    Command::new(env::var_os("WORKLOAD_UNDER_TEST").unwrap_or_else(|| env!("CARGO_BIN_EXE_workload").into()))
+}
+
 /// A run of the workload, with its lines still to be read.
 struct Run {
     child: Child,
@@ -43,7 +49,7 @@ struct Run {
 
 impl Run {
     fn start(data: &Path, settings: &str, windows: &str) -> Self {
-        let mut child = Command::new(env!("CARGO_BIN_EXE_workload"))
+        let mut child = workload()
             .args(["run", "--environment", "test", "--settings", settings])
             .args(["--windows", windows, "--data"])
             .arg(data)
@@ -307,7 +313,7 @@ fn a_wrong_call_is_refused_with_its_reason(
     #[case] says: &str,
 ) {
     let data = tempfile::tempdir().unwrap();
-    let output = Command::new(env!("CARGO_BIN_EXE_workload"))
+    let output = workload()
         .args([
             "run",
             "--environment",
@@ -329,10 +335,7 @@ fn a_wrong_call_is_refused_with_its_reason(
 
 #[test]
 fn a_check_is_one_line_of_json() {
-    let output = Command::new(env!("CARGO_BIN_EXE_workload"))
-        .arg("check")
-        .output()
-        .unwrap();
+    let output = workload().arg("check").output().unwrap();
     assert!(output.status.success());
     let text = String::from_utf8(output.stdout).unwrap();
     assert_eq!(text.lines().count(), 1);
