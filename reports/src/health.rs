@@ -1,7 +1,7 @@
 //! How well a scenario's platform held the schedule of the experiment, from its windows that count. The main type is
 //! [`Health`].
 
-use workload::record::window::LoopRecord;
+use workload::record::window::{LoopRecord, ReleaseRecord};
 
 use crate::run::ScenarioRun;
 
@@ -22,6 +22,9 @@ pub struct Health {
     pub worst_lateness_ns: i64,
     /// Packets that the kernel dropped before a capture had read them.
     pub capture_dropped: u64,
+    /// How late the network emulator let packets go; none without one. Packets are the sum and the mean is theirs, the
+    /// percentiles and the maximum are those of the worst window.
+    pub releases: Option<ReleaseRecord>,
 }
 
 impl Health {
@@ -58,7 +61,24 @@ impl Health {
                 .flat_map(|(_, record, _)| &record.captures)
                 .map(|capture| capture.dropped)
                 .sum(),
+            releases: windows
+                .iter()
+                .filter_map(|(_, record, _)| record.releases)
+                .reduce(worse),
         })
+    }
+}
+
+/// Both windows' releases together.
+fn worse(one: ReleaseRecord, other: ReleaseRecord) -> ReleaseRecord {
+    let released = one.released + other.released;
+    let total_ns = |of: ReleaseRecord| of.lateness_mean_ns * of.released as f64;
+    ReleaseRecord {
+        released,
+        lateness_mean_ns: (total_ns(one) + total_ns(other)) / released.max(1) as f64,
+        lateness_p99_ns: one.lateness_p99_ns.max(other.lateness_p99_ns),
+        lateness_p999_ns: one.lateness_p999_ns.max(other.lateness_p999_ns),
+        lateness_max_ns: one.lateness_max_ns.max(other.lateness_max_ns),
     }
 }
 

@@ -3,6 +3,7 @@
 //! each control. A cell without data says so; it is never a zero. The main type is [`Table`].
 
 mod platforms;
+mod releases;
 mod schedule;
 
 use std::collections::BTreeSet;
@@ -47,6 +48,7 @@ pub(crate) fn all(report: &Report) -> Vec<Table> {
     let mut tables = vec![within(report), platforms::contrasts(report)];
     tables.extend(platforms::against_controls(report));
     tables.push(schedule::of(report));
+    tables.extend(releases::of(report));
     tables
 }
 

@@ -8,6 +8,7 @@ mod emulator;
 mod ipv6;
 pub mod link;
 mod namespace;
+pub mod release_lateness;
 pub mod star;
 pub mod switch;
 mod userspace;
@@ -18,7 +19,7 @@ use nix::errno::Errno;
 
 pub use self::namespace::become_namespace_root;
 pub(crate) use self::namespace::errno;
-use self::userspace::Userspace;
+use self::{release_lateness::ReleaseCounts, userspace::Userspace};
 use crate::{
     record::window::LinkRecord,
     settings::{NetworkBackend, NetworkSettings},
@@ -49,6 +50,11 @@ pub trait Network: Send + Sync {
 
     /// What losses and delays are drawn from, given or drawn itself; none if they cannot be drawn again.
     fn seed(&self) -> Option<u64>;
+
+    /// How late packets were let go since the network came up; nothing where that is the kernel's doing.
+    fn release_lateness(&self) -> Option<ReleaseCounts> {
+        None
+    }
 
     /// Why the network stopped carrying packets, if it did.
     fn failure(&self) -> Option<NetworkError>;

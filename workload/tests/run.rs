@@ -205,6 +205,15 @@ fn a_run_measures_contiguous_windows_with_all_their_files() {
             "{packets:?}"
         );
         assert!(record.captures.iter().all(|capture| capture.dropped == 0));
+        let releases = record.releases.unwrap();
+        assert!(releases.released >= 2 * STEPS, "{releases:?}");
+        assert!(
+            0 < releases.lateness_p99_ns
+                && releases.lateness_p99_ns <= releases.lateness_p999_ns
+                && releases.lateness_p999_ns <= releases.lateness_max_ns
+                && releases.lateness_mean_ns < releases.lateness_max_ns as f64,
+            "{releases:?}"
+        );
         assert!(record.links[1].up.delivered >= STEPS / 2, "{:?}", record.links);
 
         let rows = rows(&folder);

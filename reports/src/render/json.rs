@@ -79,6 +79,7 @@ fn health(health: &Health) -> Value {
         "state_age_s": health.state_age_s,
         "worst_lateness_ns": health.worst_lateness_ns,
         "capture_dropped": health.capture_dropped,
+        "releases": health.releases,
     })
 }
 

@@ -194,6 +194,7 @@ impl OpenWindow {
             network_seed: shape.network_seed,
             links: ended.links_since(&self.began),
             notices: self.notices,
+            releases: ended.releases_since(&self.began),
             files: Vec::new(),
             verdict: Verdict::Valid,
             reasons: Vec::new(),

@@ -7,9 +7,9 @@ use nix::sys::{
 };
 
 use crate::{
-    network::Network,
+    network::{Network, release_lateness::ReleaseCounts},
     realtime::{monotonic_ns, unix_ns},
-    record::window::{LinkRecord, PassRecord},
+    record::window::{LinkRecord, PassRecord, ReleaseRecord},
 };
 
 /// Clocks and counters at one moment.
@@ -23,6 +23,8 @@ pub struct Snapshot {
     pub cpu_ns: i64,
     /// What went through the links.
     pub links: Vec<LinkRecord>,
+    /// How late packets were let go, where an emulator does that.
+    pub releases: Option<ReleaseCounts>,
 }
 
 impl Snapshot {
@@ -37,6 +39,7 @@ impl Snapshot {
             unix_offset_ns: unix_offset_ns(),
             cpu_ns,
             links: network.links(),
+            releases: network.release_lateness(),
         }
     }
 
@@ -51,6 +54,12 @@ impl Snapshot {
     pub fn cpu_share_since(&self, earlier: &Self) -> f64 {
         let elapsed_ns = (self.monotonic_ns - earlier.monotonic_ns).max(1);
         (self.cpu_ns - earlier.cpu_ns) as f64 / elapsed_ns as f64
+    }
+
+    /// How late packets were let go since `earlier`.
+    #[must_use]
+    pub fn releases_since(&self, earlier: &Self) -> Option<ReleaseRecord> {
+        Some(self.releases.as_ref()?.since(earlier.releases.as_ref()?))
     }
 
     /// What went through the links since `earlier`.

@@ -194,6 +194,7 @@ mod tests {
             network_seed: None,
             links: Vec::new(),
             notices: NoticesRecord::default(),
+            releases: None,
             files: Vec::new(),
             verdict: Verdict::Valid,
             reasons: Vec::new(),

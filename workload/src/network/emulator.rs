@@ -29,6 +29,7 @@ use super::{
     device::Tap,
     link::Impairment,
     namespace::errno,
+    release_lateness::{ReleaseCounts, ReleaseLateness},
     star::{Delivery, FRAME_BYTES, Star},
 };
 use crate::realtime::priority::request_fifo;
@@ -45,6 +46,7 @@ const PUBLISH_RETRY: Duration = Duration::from_millis(1);
 pub struct Emulator {
     status: Arc<Mutex<Status>>,
     impaired: Arc<AtomicBool>,
+    release_lateness: Arc<ReleaseLateness>,
     stop: Arc<EventFd>,
     thread: Option<JoinHandle<()>>,
 }
@@ -72,6 +74,7 @@ impl Emulator {
             links: star.links(),
             failure: None,
         }));
+        let release_lateness = star.release_lateness();
         let stop = EventFd::from_flags(EfdFlags::EFD_CLOEXEC | EfdFlags::EFD_NONBLOCK);
         let stop = Arc::new(stop.map_err(|source| NetworkError::Thread { source })?);
         let impaired = Arc::new(AtomicBool::new(false));
@@ -100,6 +103,7 @@ impl Emulator {
         Ok(Self {
             status,
             impaired,
+            release_lateness,
             stop,
             thread: Some(thread),
         })
@@ -114,6 +118,12 @@ impl Emulator {
     #[must_use]
     pub fn links(&self) -> [LinkRecord; 3] {
         lock(&self.status).links.clone()
+    }
+
+    /// How late packets were let go so far.
+    #[must_use]
+    pub fn release_lateness(&self) -> ReleaseCounts {
+        self.release_lateness.counts()
     }
 
     /// Why it stopped, if it did.

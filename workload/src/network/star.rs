@@ -4,10 +4,13 @@
 //! second pass begins when its first was due to end and not when somebody came to look, so that the lateness of the
 //! driver does not add up along the way.
 
+use std::sync::Arc;
+
 use oorandom::Rand64;
 
 use super::{
     link::{Impairment, LinkEnd, Refused, Released},
+    release_lateness::ReleaseLateness,
     switch::{Forward, Switch},
 };
 use crate::{
@@ -29,6 +32,7 @@ pub struct Star {
     /// From the switch to each host.
     down: [Pass; 3],
     switch: Switch<VirtualHost>,
+    release_lateness: Arc<ReleaseLateness>,
     pool: Vec<Vec<u8>>,
 }
 
@@ -66,6 +70,7 @@ impl Star {
             up: [pass(), pass(), pass()],
             down: [pass(), pass(), pass()],
             switch: Switch::new(),
+            release_lateness: Arc::default(),
             pool: (0..POOL_FRAMES)
                 .map(|_| Vec::with_capacity(FRAME_BYTES))
                 .collect(),
@@ -117,6 +122,12 @@ impl Star {
         })
     }
 
+    /// How late packets leave the passes, all of them together.
+    #[must_use]
+    pub fn release_lateness(&self) -> Arc<ReleaseLateness> {
+        Arc::clone(&self.release_lateness)
+    }
+
     /// Passes on what has come from the host's link.
     fn switch_if_due(&mut self, due_ns: u64, now_ns: u64, from: VirtualHost) {
         let pass = &mut self.up[from.index()];
@@ -127,7 +138,7 @@ impl Star {
         else {
             return;
         };
-        pass.count_delivery(now_ns.saturating_sub(due_ns));
+        pass.count_delivery(now_ns.saturating_sub(due_ns), &self.release_lateness);
         match self.switch.forward(from, &frame) {
             Forward::To(to) => {
                 if let Some(refused) = self.down[to.index()].offer(due_ns, frame) {
@@ -158,7 +169,9 @@ impl Star {
             return;
         };
         match delivery.deliver(host, due_ns, &frame) {
-            Some(done_ns) => pass.count_delivery(done_ns.saturating_sub(due_ns)),
+            Some(done_ns) => {
+                pass.count_delivery(done_ns.saturating_sub(due_ns), &self.release_lateness);
+            }
             None => pass.overflowed += 1,
         }
         self.pool.push(frame);
@@ -194,7 +207,8 @@ impl Pass {
         }
     }
 
-    fn count_delivery(&mut self, lateness_ns: u64) {
+    fn count_delivery(&mut self, lateness_ns: u64, all: &ReleaseLateness) {
+        all.count(lateness_ns);
         self.delivered += 1;
         self.lateness_total_ns = self.lateness_total_ns.saturating_add(lateness_ns);
         self.lateness_max_ns = self.lateness_max_ns.max(lateness_ns);

@@ -7,6 +7,7 @@ use super::{
     emulator::Emulator,
     link::Impairment,
     namespace::Namespace,
+    release_lateness::ReleaseCounts,
     star::Star,
 };
 use crate::{record::window::LinkRecord, settings::NetworkSettings, virtual_host::VirtualHost};
@@ -63,6 +64,10 @@ impl Network for Userspace {
 
     fn seed(&self) -> Option<u64> {
         Some(self.seed)
+    }
+
+    fn release_lateness(&self) -> Option<ReleaseCounts> {
+        Some(self.emulator.release_lateness())
     }
 
     fn failure(&self) -> Option<NetworkError> {

@@ -55,6 +55,9 @@ pub struct WindowRecord {
     /// What happened between the ROS master and nodes and their peers.
     #[serde(default)]
     pub notices: NoticesRecord,
+    /// How late packets were let go, over all links; none where that is the kernel's doing, or of an older version.
+    #[serde(default)]
+    pub releases: Option<ReleaseRecord>,
     /// The files beside this one.
     pub files: Vec<FileRecord>,
     /// What it is worth.
@@ -147,6 +150,21 @@ pub struct PassRecord {
     /// Mean time from when a packet was due to when it was delivered.
     pub lateness_mean_ns: f64,
     /// The largest such time since the run began.
+    pub lateness_max_ns: u64,
+}
+
+/// How late the emulator let packets go, in one window, over all passes through its links.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Serialize, Deserialize)]
+pub struct ReleaseRecord {
+    /// Packets let go; one that crosses the network makes two passes.
+    pub released: u64,
+    /// Mean time from when a packet was due to when it was let go.
+    pub lateness_mean_ns: f64,
+    /// 99 % of them were no later than this, to 1/64.
+    pub lateness_p99_ns: u64,
+    /// 99.9 % of them, to 1/64.
+    pub lateness_p999_ns: u64,
+    /// All of them, to 1/64.
     pub lateness_max_ns: u64,
 }
 

@@ -213,6 +213,7 @@ fn record(fake: &FakeWindow<'_>, rows: &[ControlRow], files: Vec<FileRecord>) ->
             })
             .to_vec(),
         notices: NoticesRecord::default(),
+        releases: None,
         files,
         verdict: if complete {
             Verdict::Valid

@@ -228,3 +228,26 @@ fn an_impairment_put_on_later_draws_what_it_would_have_drawn_from_the_start() {
     star.impair(lossy);
     assert_eq!(carried(star), carried(acquainted(lossy)));
 }
+
+#[test]
+fn how_late_each_pass_was_is_counted_over_all_of_them() {
+    let mut star = acquainted(STEADY);
+    let began = star.release_lateness().counts();
+    star.send(1000 * MS, Sta1, &frame(Sta1, Sta2.mac(), 1));
+    let mut inbox = Inbox {
+        late_ns: 50,
+        ..Inbox::default()
+    };
+    // The first pass was due at 1010 ms and the driver comes 30 ns late, the second ends 50 ns after it was due.
+    star.advance(1010 * MS + 30, &mut inbox);
+    star.advance(1020 * MS, &mut inbox);
+    let releases = star.release_lateness().counts().since(&began);
+    assert_eq!(
+        (
+            releases.released,
+            releases.lateness_mean_ns,
+            releases.lateness_max_ns
+        ),
+        (2, 40.0, 50)
+    );
+}
