@@ -16,6 +16,7 @@
 //! Who is urgent: the emulator above all, since it stands for hardware; then the loops and the threads that receive
 //! for them; everything else has no priority, and the sealer less than that.
 
+mod conditions;
 mod connection;
 mod control_file;
 mod doors;
@@ -202,6 +203,7 @@ fn measure(
         step_ns,
         captures: sources.captures.len(),
         network_seed: sources.network.seed(),
+        limits: settings.validity.clone(),
     };
     let shared = sources.shared.clone();
     let controller = Schedule {

@@ -10,6 +10,7 @@
 
 pub mod capture;
 pub mod causes;
+mod cgroup;
 pub mod controller;
 pub mod enter;
 pub mod experiment;

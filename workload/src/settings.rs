@@ -5,6 +5,9 @@
 
 use serde::{Deserialize, Serialize};
 
+mod validity;
+
+pub use self::validity::{Limit, Limits, ValiditySettings};
 use crate::quantity::{BitRate, Bytes, Fraction, Frequency, TimeSpan};
 
 /// Everything that the experiment inside one environment depends on.
@@ -34,6 +37,8 @@ pub struct Settings {
     pub capture: CaptureSettings,
     /// What the control loops ask of the operating system.
     pub realtime: RealtimeSettings,
+    /// From where on a window is suspect or invalid.
+    pub validity: ValiditySettings,
 }
 
 impl Default for Settings {
@@ -50,6 +55,7 @@ impl Default for Settings {
             ros: RosSettings::default(),
             capture: CaptureSettings::default(),
             realtime: RealtimeSettings::default(),
+            validity: ValiditySettings::default(),
         }
     }
 }
@@ -390,6 +396,13 @@ impl Settings {
                     self.capture.snaplen
                 ),
                 "write a size from `96B` to `256KiB`".into(),
+            );
+        }
+        for path in self.validity.crossed() {
+            problem(
+                path,
+                "a window would be invalid before it is suspect".into(),
+                "write at least what `suspect` is, or `never`".into(),
             );
         }
         for (path, value, positive) in [

@@ -154,7 +154,8 @@ fn kernel_names() -> (String, String, String, String) {
     )
 }
 
-fn cpus_allowed() -> Vec<usize> {
+/// The processors that the process may use.
+pub(crate) fn cpus_allowed() -> Vec<usize> {
     let allowed = sched_getaffinity(Pid::from_raw(0)).unwrap_or_default();
     (0..CpuSet::count())
         .filter(|cpu| allowed.is_set(*cpu).unwrap_or(false))

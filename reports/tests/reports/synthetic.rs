@@ -17,7 +17,9 @@ use workload::{
     quantity::{Frequency, TimeSpan},
     record::{
         control_log::ControlRow,
-        window::{FileRecord, LoopRecord, NoticesRecord, ReleaseRecord, Verdict, WindowRecord},
+        window::{
+            ConditionsRecord, FileRecord, LoopRecord, NoticesRecord, ReleaseRecord, Verdict, WindowRecord,
+        },
     },
     settings::Settings,
 };
@@ -348,6 +350,7 @@ fn window_record(slug: &str, window: u32, log: &str) -> WindowRecord {
         clock_jump_ns: 0,
         log_dropped: 0,
         cpu_share: 0.025,
+        conditions: ConditionsRecord::default(),
         captures: Vec::new(),
         network_seed: None,
         links: Vec::new(),

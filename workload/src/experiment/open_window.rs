@@ -20,10 +20,11 @@ use crate::{
         control_log::ControlRow,
         window::{CaptureRecord, NoticesRecord, Verdict, WindowRecord},
     },
+    settings::ValiditySettings,
 };
 
 /// What does not change from one window to the next.
-#[derive(Debug, Clone, PartialEq, Eq)]
+#[derive(Debug, Clone, PartialEq)]
 pub struct WindowShape {
     /// The environment's name.
     pub environment: String,
@@ -35,6 +36,8 @@ pub struct WindowShape {
     pub captures: usize,
     /// The network's seed.
     pub network_seed: Option<u64>,
+    /// What it may suffer.
+    pub limits: ValiditySettings,
 }
 
 /// A window whose steps are being done, or whose captures are being completed.
@@ -190,6 +193,7 @@ impl OpenWindow {
             clock_jump_ns: ended.unix_offset_ns - self.began.unix_offset_ns,
             log_dropped,
             cpu_share: ended.cpu_share_since(&self.began),
+            conditions: ended.conditions_since(&self.began),
             captures,
             network_seed: shape.network_seed,
             links: ended.links_since(&self.began),
@@ -202,6 +206,7 @@ impl OpenWindow {
         let expected = Expectation {
             step_ns: shape.step_ns,
             captures: shape.captures,
+            limits: &shape.limits,
         };
         (record.verdict, record.reasons) = validity::judge(&record, &expected);
         record.reasons.extend(self.capture_failures);

@@ -1,15 +1,11 @@
 //! What is read at each boundary between two windows, so that a window's own share is a difference. The main type is
 //! [`Snapshot`].
 
-use nix::sys::{
-    resource::{UsageWho, getrusage},
-    time::TimeValLike,
-};
-
+use super::conditions::Counters;
 use crate::{
     network::{Network, release_lateness::ReleaseCounts},
     realtime::{monotonic_ns, unix_ns},
-    record::window::{LinkRecord, PassRecord, ReleaseRecord},
+    record::window::{ConditionsRecord, LinkRecord, PassRecord, ReleaseRecord},
 };
 
 /// Clocks and counters at one moment.
@@ -19,8 +15,8 @@ pub struct Snapshot {
     pub monotonic_ns: i64,
     /// Wall clock minus monotonic clock.
     pub unix_offset_ns: i64,
-    /// Processor time that the process has used.
-    pub cpu_ns: i64,
+    /// What the kernel counts of the machine and the process.
+    pub counters: Counters,
     /// What went through the links.
     pub links: Vec<LinkRecord>,
     /// How late packets were let go, where an emulator does that.
@@ -31,13 +27,10 @@ impl Snapshot {
     /// Now.
     #[must_use]
     pub fn take(network: &dyn Network) -> Self {
-        let cpu_ns = getrusage(UsageWho::RUSAGE_SELF).map_or(0, |usage| {
-            (usage.user_time() + usage.system_time()).num_nanoseconds()
-        });
         Self {
             monotonic_ns: monotonic_ns(),
             unix_offset_ns: unix_offset_ns(),
-            cpu_ns,
+            counters: Counters::read(),
             links: network.links(),
             releases: network.release_lateness(),
         }
@@ -52,8 +45,18 @@ impl Snapshot {
     /// Share of one core that the process used since `earlier`.
     #[must_use]
     pub fn cpu_share_since(&self, earlier: &Self) -> f64 {
-        let elapsed_ns = (self.monotonic_ns - earlier.monotonic_ns).max(1);
-        (self.cpu_ns - earlier.cpu_ns) as f64 / elapsed_ns as f64
+        let used_ns = self.counters.own_cpu_ns - earlier.counters.own_cpu_ns;
+        used_ns as f64 / self.elapsed_ns(earlier) as f64
+    }
+
+    /// What happened on the machine since `earlier`.
+    #[must_use]
+    pub fn conditions_since(&self, earlier: &Self) -> ConditionsRecord {
+        self.counters.since(&earlier.counters, self.elapsed_ns(earlier))
+    }
+
+    fn elapsed_ns(&self, earlier: &Self) -> i64 {
+        (self.monotonic_ns - earlier.monotonic_ns).max(1)
     }
 
     /// How late packets were let go since `earlier`.

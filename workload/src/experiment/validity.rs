@@ -1,147 +1,234 @@
-//! What a window is worth: the rules in one place, each reason a sentence. The main function is [`judge`].
+//! What a window is worth: the rules in one place, each reason a sentence with what was measured and its limit. The main
+//! function is [`judge`]; docs/validity.md is about the rules and their limits.
 //!
-//! A rule makes a window *invalid* when its log no longer is a record of the experiment as asked for (something is
-//! missing from it), and *suspect* when it is one of a platform that was disturbed: slowness of the platform is what
-//! the experiment is there to measure, so that it must not be thrown away.
+//! A window is *invalid* when its log no longer is a record of the experiment as asked for: something is missing from it,
+//! or the loop was not run at its rate. It is *suspect* when it is one of a platform that was disturbed: slowness of the
+//! platform is what the experiment is there to measure, so that it must not be thrown away.
 
-use crate::record::window::{LoopRecord, Verdict, WindowRecord};
-
-/// Share of steps that may miss their deadline without a remark.
-const MISSED_SHARE: f64 = 0.001;
-/// From this share on the loop did not run at its rate.
-const MISSED_SHARE_INVALID: f64 = 0.05;
-/// Steps without one being done that are a remark, and that are a hole.
-const GAP_STEPS: i64 = 5;
-const GAP_STEPS_INVALID: i64 = 50;
-/// A step of the wall clock that is a remark: captures are stamped with it.
-const CLOCK_JUMP_NS: i64 = 10_000_000;
+use crate::{
+    quantity::{Bytes, Fraction, TimeSpan},
+    record::window::{LoopRecord, Verdict, WindowRecord},
+    settings::{Limits, ValiditySettings},
+};
 
 /// What the window was to be, as far as its record does not say.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub struct Expectation {
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Expectation<'a> {
     /// Length of a step.
     pub step_ns: i64,
     /// How many captures there were to be.
     pub captures: usize,
+    /// What it may suffer.
+    pub limits: &'a ValiditySettings,
 }
 
 /// The verdict on a record and its reasons; the record's own are not looked at.
 #[must_use]
-pub fn judge(record: &WindowRecord, expected: &Expectation) -> (Verdict, Vec<String>) {
-    let mut findings = Vec::new();
+pub fn judge(record: &WindowRecord, expected: &Expectation<'_>) -> (Verdict, Vec<String>) {
+    let limits = expected.limits;
+    let mut findings = Findings::default();
     completeness(record, &mut findings);
-    deadlines("controller", &record.controller, &mut findings);
-    deadlines("plant", &record.plant, &mut findings);
-    gaps(record, expected.step_ns, &mut findings);
-    clock(record, &mut findings);
-    captures(record, expected.captures, &mut findings);
-    let worst = |verdict| findings.iter().any(|(found, _)| *found == verdict);
-    let verdict = if worst(Verdict::Invalid) {
-        Verdict::Invalid
-    } else if worst(Verdict::Suspect) {
-        Verdict::Suspect
-    } else {
-        Verdict::Valid
-    };
-    (verdict, findings.into_iter().map(|(_, reason)| reason).collect())
+    timing("controller", &record.controller, expected, &mut findings);
+    timing("plant", &record.plant, expected, &mut findings);
+    let step_ns = nanoseconds(expected.step_ns);
+    findings.rule(
+        limits.gap_steps.map(|steps| span(step_ns * u64::from(steps))),
+        Some(span(nanoseconds(record.longest_gap_ns))),
+        |gap| format!("For {gap} no control step was done"),
+    );
+    findings.rule(
+        limits.release_lateness,
+        record.releases.map(|releases| span(releases.lateness_p99_ns)),
+        |lateness| format!("The network let 1 % of the packets go more than {lateness} late"),
+    );
+    findings.rule(
+        limits.clock_step,
+        Some(span(record.clock_jump_ns.unsigned_abs())),
+        |step| {
+            let way = if record.clock_jump_ns < 0 {
+                "back"
+            } else {
+                "forward"
+            };
+            format!("The wall clock was set {way} by {step}")
+        },
+    );
+    captures(record, expected, &mut findings);
+    conditions(record, limits, &mut findings);
+    findings.conclude()
 }
 
-type Findings = Vec<(Verdict, String)>;
+/// What was found, and what it makes of the window.
+#[derive(Default)]
+struct Findings(Vec<(Verdict, String)>);
 
+impl Findings {
+    fn invalid(&mut self, reason: String) {
+        self.0.push((Verdict::Invalid, reason));
+    }
+
+    fn suspect(&mut self, reason: String) {
+        self.0.push((Verdict::Suspect, reason));
+    }
+
+    /// Holds what was measured, if it could be, against its limits. `says` makes a sentence of it, without its stop.
+    fn rule<T: Measured>(&mut self, limits: Limits<T>, measured: Option<T>, says: impl Fn(&str) -> String) {
+        let Some(measured) = measured else { return };
+        let sentence = |level: &str, limit: &T| {
+            format!(
+                "{} ({level} above {}).",
+                says(&measured.in_words()),
+                limit.in_words()
+            )
+        };
+        if let Some(limit) = limits.invalid.exceeded_by(&measured) {
+            self.invalid(sentence("invalid", limit));
+        } else if let Some(limit) = limits.suspect.exceeded_by(&measured) {
+            self.suspect(sentence("suspect", limit));
+        }
+    }
+
+    fn conclude(self) -> (Verdict, Vec<String>) {
+        let worst = |verdict| self.0.iter().any(|(found, _)| *found == verdict);
+        let verdict = if worst(Verdict::Invalid) {
+            Verdict::Invalid
+        } else if worst(Verdict::Suspect) {
+            Verdict::Suspect
+        } else {
+            Verdict::Valid
+        };
+        (verdict, self.0.into_iter().map(|(_, reason)| reason).collect())
+    }
+}
+
+/// Something with a limit. Words are for a person: rounded, always in the same unit.
+trait Measured: PartialOrd {
+    fn in_words(&self) -> String;
+}
+
+impl Measured for Fraction {
+    fn in_words(&self) -> String {
+        format!("{:.2} %", self.probability() * 100.0)
+    }
+}
+
+impl Measured for TimeSpan {
+    fn in_words(&self) -> String {
+        let milliseconds = self.as_nanos() as f64 / 1e6;
+        if milliseconds < 10.0 {
+            format!("{milliseconds:.2} ms")
+        } else {
+            format!("{milliseconds:.0} ms")
+        }
+    }
+}
+
+impl Measured for u64 {
+    fn in_words(&self) -> String {
+        self.to_string()
+    }
+}
+
+impl Measured for Bytes {
+    fn in_words(&self) -> String {
+        format!("{:.1} MiB", self.get() as f64 / 1_048_576.0)
+    }
+}
+
+/// What is missing has no limit: the report needs every step.
 fn completeness(record: &WindowRecord, findings: &mut Findings) {
+    let (done, expected) = (record.steps_done, record.steps_expected);
     if !record.complete {
-        findings.push((
-            Verdict::Invalid,
-            format!(
-                "The window was cut after {} of {} steps.",
-                record.steps_done, record.steps_expected
-            ),
-        ));
-    } else if record.steps_done != record.steps_expected {
-        findings.push((
-            Verdict::Invalid,
-            format!(
-                "The log has {} steps, not {}.",
-                record.steps_done, record.steps_expected
-            ),
-        ));
+        findings.invalid(format!("The window was cut after {done} of {expected} steps."));
+    } else if done != expected {
+        findings.invalid(format!("The log has {done} steps, not {expected}."));
     }
     if record.log_dropped > 0 {
-        findings.push((
-            Verdict::Invalid,
-            format!(
-                "{} rows were lost since the log's queue was full.",
-                record.log_dropped
-            ),
+        findings.invalid(format!(
+            "{} rows were lost since the log's queue was full.",
+            record.log_dropped
         ));
     }
-    if record.complete && record.plant.steps != record.steps_expected {
-        findings.push((
-            Verdict::Invalid,
-            format!(
-                "The plant did {} steps, not {}.",
-                record.plant.steps, record.steps_expected
-            ),
+    if record.complete && record.plant.steps != expected {
+        findings.invalid(format!(
+            "The plant did {} steps, not {expected}.",
+            record.plant.steps
         ));
     }
 }
 
-fn deadlines(who: &str, done: &LoopRecord, findings: &mut Findings) {
-    let share = done.missed_deadlines as f64 / done.steps.max(1) as f64;
-    let verdict = if share > MISSED_SHARE_INVALID {
-        Verdict::Invalid
-    } else if share > MISSED_SHARE {
-        Verdict::Suspect
-    } else {
-        return;
-    };
-    findings.push((
-        verdict,
-        format!("The {who} missed {:.2} % of its deadlines.", share * 100.0),
-    ));
+fn timing(who: &str, done: &LoopRecord, expected: &Expectation<'_>, findings: &mut Findings) {
+    findings.rule(
+        expected.limits.missed_deadlines,
+        Some(share(done.missed_deadlines, done.steps)),
+        |missed| format!("The {who} missed {missed} of its deadlines"),
+    );
+    let step_ns = expected.step_ns as f64;
+    findings.rule(
+        expected
+            .limits
+            .lateness
+            .map(|share| span((share.probability() * step_ns).round() as u64)),
+        Some(span(nanoseconds(done.lateness_p99_ns))),
+        |lateness| format!("1 % of the {who}'s steps began more than {lateness} late"),
+    );
 }
 
-fn gaps(record: &WindowRecord, step_ns: i64, findings: &mut Findings) {
-    let verdict = if record.longest_gap_ns >= GAP_STEPS_INVALID * step_ns {
-        Verdict::Invalid
-    } else if record.longest_gap_ns >= GAP_STEPS * step_ns {
-        Verdict::Suspect
-    } else {
-        return;
-    };
-    let gap_ms = record.longest_gap_ns as f64 / 1e6;
-    findings.push((verdict, format!("For {gap_ms:.0} ms no control step was done.")));
-}
-
-fn clock(record: &WindowRecord, findings: &mut Findings) {
-    if record.clock_jump_ns.abs() > CLOCK_JUMP_NS {
-        let jump_ms = record.clock_jump_ns as f64 / 1e6;
-        findings.push((
-            Verdict::Suspect,
-            format!("The wall clock was set by {jump_ms:+.0} ms."),
-        ));
+fn captures(record: &WindowRecord, expected: &Expectation<'_>, findings: &mut Findings) {
+    let wanted = expected.captures;
+    if record.captures.len() < wanted {
+        let missing = wanted - record.captures.len();
+        findings.suspect(format!("{missing} of {wanted} captures are missing."));
+    }
+    for capture in &record.captures {
+        let (dropped, host) = (capture.dropped, capture.host);
+        findings.rule(
+            expected.limits.capture_dropped,
+            Some(share(dropped, dropped + capture.packets)),
+            |share| format!("The kernel dropped {dropped} packets of the capture on {host}, {share}"),
+        );
     }
 }
 
-fn captures(record: &WindowRecord, expected: usize, findings: &mut Findings) {
-    if record.captures.len() < expected {
-        findings.push((
-            Verdict::Suspect,
-            format!(
-                "{} of {expected} captures are missing.",
-                expected - record.captures.len()
-            ),
-        ));
-    }
-    for capture in record.captures.iter().filter(|capture| capture.dropped > 0) {
-        findings.push((
-            Verdict::Suspect,
-            format!(
-                "The kernel dropped {} packets of the capture on {}.",
-                capture.dropped, capture.host
-            ),
-        ));
-    }
+fn conditions(record: &WindowRecord, limits: &ValiditySettings, findings: &mut Findings) {
+    let seen = &record.conditions;
+    let percent = |share: Option<f64>| share.map(|share| Fraction::from_percent(share * 100.0));
+    findings.rule(limits.steal, percent(seen.steal_share), |stolen| {
+        format!("A hypervisor gave {stolen} of the processors' time to others")
+    });
+    findings.rule(limits.throttled, percent(seen.throttled_share), |share| {
+        format!("A quota of the control group held the workload up for {share} of the window")
+    });
+    findings.rule(limits.thermal_throttles, seen.thermal_throttles, |times| {
+        format!("Processors slowed down {times} times since they were too hot")
+    });
+    findings.rule(limits.other_load, percent(seen.other_load_share), |share| {
+        format!("Others on the machine used {share} of the processors' time")
+    });
+    findings.rule(
+        limits.memory_pressure,
+        percent(seen.memory_pressure_share),
+        |share| format!("Something on the machine waited for memory in {share} of the window"),
+    );
+    findings.rule(limits.major_faults, Some(seen.major_faults), |pages| {
+        format!("{pages} pages of the workload had to be read from a disk")
+    });
+    findings.rule(limits.swapped, seen.swapped_bytes.map(Bytes::new), |size| {
+        format!("The machine swapped {size}")
+    });
+}
+
+fn share(part: u64, whole: u64) -> Fraction {
+    Fraction::from_percent(part as f64 / whole.max(1) as f64 * 100.0)
+}
+
+fn span(nanoseconds: u64) -> TimeSpan {
+    TimeSpan::from(std::time::Duration::from_nanos(nanoseconds))
+}
+
+/// What began early was not late.
+fn nanoseconds(signed: i64) -> u64 {
+    u64::try_from(signed).unwrap_or(0)
 }
 
 #[cfg(test)]
@@ -152,15 +239,21 @@ mod tests {
     use crate::{
         record::{
             FORMAT,
-            window::{CaptureRecord, NoticesRecord},
+            window::{CaptureRecord, ConditionsRecord, NoticesRecord, ReleaseRecord},
         },
+        settings::Limit,
         virtual_host::VirtualHost,
     };
 
-    const EXPECTED: Expectation = Expectation {
-        step_ns: 20_000_000,
-        captures: 1,
-    };
+    const STEP_NS: i64 = 20_000_000;
+
+    fn expected(limits: &ValiditySettings) -> Expectation<'_> {
+        Expectation {
+            step_ns: STEP_NS,
+            captures: 1,
+            limits,
+        }
+    }
 
     fn clean() -> WindowRecord {
         let held = LoopRecord {
@@ -186,9 +279,10 @@ mod tests {
             clock_jump_ns: 0,
             log_dropped: 0,
             cpu_share: 0.0,
+            conditions: ConditionsRecord::default(),
             captures: vec![CaptureRecord {
                 host: VirtualHost::Sta1,
-                packets: 1,
+                packets: 996,
                 dropped: 0,
             }],
             network_seed: None,
@@ -215,31 +309,77 @@ mod tests {
     #[case::ten_misses_are_few(|it: &mut WindowRecord| it.controller.missed_deadlines = 10, Verdict::Valid, &[])]
     #[case::eleven_misses(
         |it: &mut WindowRecord| it.controller.missed_deadlines = 11,
-        Verdict::Suspect, &["The controller missed 0.11 % of its deadlines."]
+        Verdict::Suspect, &["The controller missed 0.11 % of its deadlines (suspect above 0.10 %)."]
     )]
     #[case::many_misses(
         |it: &mut WindowRecord| it.plant.missed_deadlines = 600,
-        Verdict::Invalid, &["The plant missed 6.00 % of its deadlines."]
+        Verdict::Invalid, &["The plant missed 6.00 % of its deadlines (invalid above 5.00 %)."]
     )]
-    #[case::short_gap(|it: &mut WindowRecord| it.longest_gap_ns = 99_000_000, Verdict::Valid, &[])]
+    #[case::a_tenth_of_a_step_is_not_late(|it: &mut WindowRecord| it.controller.lateness_p99_ns = 2_000_000, Verdict::Valid, &[])]
+    #[case::late(
+        |it: &mut WindowRecord| it.plant.lateness_p99_ns = 2_500_000,
+        Verdict::Suspect, &["1 % of the plant's steps began more than 2.50 ms late (suspect above 2.00 ms)."]
+    )]
+    #[case::short_gap(|it: &mut WindowRecord| it.longest_gap_ns = 100_000_000, Verdict::Valid, &[])]
     #[case::gap(
-        |it: &mut WindowRecord| it.longest_gap_ns = 100_000_000, Verdict::Suspect, &["For 100 ms no control step was done."]
+        |it: &mut WindowRecord| it.longest_gap_ns = 101_000_000,
+        Verdict::Suspect, &["For 101 ms no control step was done (suspect above 100 ms)."]
     )]
     #[case::hole(
-        |it: &mut WindowRecord| it.longest_gap_ns = 1_000_000_000, Verdict::Invalid, &["For 1000 ms no control step was done."]
+        |it: &mut WindowRecord| it.longest_gap_ns = 1_001_000_000,
+        Verdict::Invalid, &["For 1001 ms no control step was done (invalid above 1000 ms)."]
+    )]
+    #[case::slow_network(
+        |it: &mut WindowRecord| it.releases = Some(ReleaseRecord { lateness_p99_ns: 1_500_000, ..ReleaseRecord::default() }),
+        Verdict::Suspect, &["The network let 1 % of the packets go more than 1.50 ms late (suspect above 1.00 ms)."]
+    )]
+    #[case::network_of_another_delay(
+        |it: &mut WindowRecord| it.releases = Some(ReleaseRecord { lateness_p99_ns: 11_000_000, ..ReleaseRecord::default() }),
+        Verdict::Invalid, &["The network let 1 % of the packets go more than 11 ms late (invalid above 10 ms)."]
     )]
     #[case::clock_set_back(
-        |it: &mut WindowRecord| it.clock_jump_ns = -3_000_000_000, Verdict::Suspect, &["The wall clock was set by -3000 ms."]
+        |it: &mut WindowRecord| it.clock_jump_ns = -3_000_000_000,
+        Verdict::Suspect, &["The wall clock was set back by 3000 ms (suspect above 1.00 ms)."]
     )]
     #[case::capture_missing(|it: &mut WindowRecord| it.captures.clear(), Verdict::Suspect, &["1 of 1 captures are missing."])]
     #[case::capture_dropped(
         |it: &mut WindowRecord| it.captures[0].dropped = 4,
-        Verdict::Suspect, &["The kernel dropped 4 packets of the capture on sta1."]
+        Verdict::Suspect, &["The kernel dropped 4 packets of the capture on sta1, 0.40 % (suspect above 0.00 %)."]
+    )]
+    #[case::steal(
+        |it: &mut WindowRecord| it.conditions.steal_share = Some(0.02),
+        Verdict::Suspect, &["A hypervisor gave 2.00 % of the processors' time to others (suspect above 1.00 %)."]
+    )]
+    #[case::quota(
+        |it: &mut WindowRecord| it.conditions.throttled_share = Some(0.25),
+        Verdict::Suspect,
+        &["A quota of the control group held the workload up for 25.00 % of the window (suspect above 0.10 %)."]
+    )]
+    #[case::heat(
+        |it: &mut WindowRecord| it.conditions.thermal_throttles = Some(3),
+        Verdict::Suspect, &["Processors slowed down 3 times since they were too hot (suspect above 0)."]
+    )]
+    #[case::others(
+        |it: &mut WindowRecord| it.conditions.other_load_share = Some(0.5),
+        Verdict::Suspect, &["Others on the machine used 50.00 % of the processors' time (suspect above 10.00 %)."]
+    )]
+    #[case::quiet_others(|it: &mut WindowRecord| it.conditions.other_load_share = Some(0.1), Verdict::Valid, &[])]
+    #[case::memory(
+        |it: &mut WindowRecord| it.conditions.memory_pressure_share = Some(0.03),
+        Verdict::Suspect, &["Something on the machine waited for memory in 3.00 % of the window (suspect above 1.00 %)."]
+    )]
+    #[case::faults(
+        |it: &mut WindowRecord| it.conditions.major_faults = 11,
+        Verdict::Suspect, &["11 pages of the workload had to be read from a disk (suspect above 10)."]
+    )]
+    #[case::swapping(
+        |it: &mut WindowRecord| it.conditions.swapped_bytes = Some(3 << 20),
+        Verdict::Suspect, &["The machine swapped 3.0 MiB (suspect above 1.0 MiB)."]
     )]
     #[case::the_worst_counts(
         |it: &mut WindowRecord| { it.clock_jump_ns = 20_000_000; it.log_dropped = 1; },
         Verdict::Invalid,
-        &["1 rows were lost since the log's queue was full.", "The wall clock was set by +20 ms."]
+        &["1 rows were lost since the log's queue was full.", "The wall clock was set forward by 20 ms (suspect above 1.00 ms)."]
     )]
     fn a_window_is_worth(
         #[case] spoil: fn(&mut WindowRecord),
@@ -248,10 +388,40 @@ mod tests {
     ) {
         let mut record = clean();
         spoil(&mut record);
-        let (found, why) = judge(&record, &EXPECTED);
+        let (found, why) = judge(&record, &expected(&ValiditySettings::default()));
         assert_eq!(
             (found, why),
             (verdict, reasons.iter().map(ToString::to_string).collect())
+        );
+    }
+
+    #[test]
+    fn the_limits_are_those_of_the_settings() {
+        let mut record = clean();
+        record.conditions.steal_share = Some(0.02);
+        let mut limits = ValiditySettings::default();
+        limits.steal.invalid = Limit::Above(Fraction::from_percent(1.5));
+        let (verdict, reasons) = judge(&record, &expected(&limits));
+        assert_eq!(verdict, Verdict::Invalid);
+        assert_eq!(
+            reasons,
+            ["A hypervisor gave 2.00 % of the processors' time to others (invalid above 1.50 %)."]
+        );
+        limits.steal = Limits {
+            suspect: Limit::Never,
+            invalid: Limit::Never,
+        };
+        assert_eq!(judge(&record, &expected(&limits)), (Verdict::Valid, Vec::new()));
+    }
+
+    #[test]
+    fn what_a_platform_hides_is_no_reason() {
+        let mut record = clean();
+        record.conditions = ConditionsRecord::default();
+        record.releases = None;
+        assert_eq!(
+            judge(&record, &expected(&ValiditySettings::default())).0,
+            Verdict::Valid
         );
     }
 }

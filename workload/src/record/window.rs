@@ -44,6 +44,9 @@ pub struct WindowRecord {
     pub log_dropped: u64,
     /// What the workload's process used of the processor during the window, as a share of one core.
     pub cpu_share: f64,
+    /// What else happened on the machine meanwhile.
+    #[serde(default)]
+    pub conditions: ConditionsRecord,
     /// One for each virtual host, if captures are on.
     pub captures: Vec<CaptureRecord>,
     /// What the network's losses and delays were drawn from since the run of the loop began; none if they cannot be drawn
@@ -79,6 +82,29 @@ pub struct NoticesRecord {
 impl NoticesRecord {
     /// How many are kept in words.
     pub const MOST: usize = 20;
+}
+
+/// What happened on the machine during one window, as far as the platform shows it: what is hidden is none. Shares are
+/// from 0 to 1, those of processors' time of all processors that the workload may use.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Serialize, Deserialize)]
+#[serde(default)]
+pub struct ConditionsRecord {
+    /// Processors' time that a hypervisor gave to others.
+    pub steal_share: Option<f64>,
+    /// Processors' time that others on the machine used.
+    pub other_load_share: Option<f64>,
+    /// Part of the window in which a quota of the control group held the workload up, summed over processors.
+    pub throttled_share: Option<f64>,
+    /// In how many of the quota's periods that was.
+    pub throttled_periods: Option<u64>,
+    /// How often a processor or its package slowed down since it was too hot.
+    pub thermal_throttles: Option<u64>,
+    /// Part of the window in which something on the machine waited for memory.
+    pub memory_pressure_share: Option<f64>,
+    /// Pages of the workload that had to be read from a disk.
+    pub major_faults: u64,
+    /// What the machine swapped, in and out.
+    pub swapped_bytes: Option<u64>,
 }
 
 /// What a window is worth.

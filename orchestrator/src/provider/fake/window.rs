@@ -19,8 +19,8 @@ use workload::{
         FORMAT,
         control_log::ControlRow,
         window::{
-            CaptureRecord, FileRecord, LinkRecord, LoopRecord, NoticesRecord, PassRecord, Verdict,
-            WindowRecord,
+            CaptureRecord, ConditionsRecord, FileRecord, LinkRecord, LoopRecord, NoticesRecord, PassRecord,
+            Verdict, WindowRecord,
         },
     },
     settings::Settings,
@@ -193,6 +193,7 @@ fn record(fake: &FakeWindow<'_>, rows: &[ControlRow], files: Vec<FileRecord>) ->
         clock_jump_ns: 0,
         log_dropped: 0,
         cpu_share: 0.0,
+        conditions: ConditionsRecord::default(),
         captures: if settings.capture.enabled {
             VirtualHost::ALL
                 .map(|host| CaptureRecord {

@@ -15,6 +15,7 @@ use super::*;
 use crate::{
     network::NetworkError,
     record::window::{LinkRecord, Verdict, WindowRecord},
+    settings::{Limit, ValiditySettings},
 };
 
 const STEPS: u64 = 10;
@@ -52,6 +53,18 @@ impl Network for Unlinked {
             source: nix::errno::Errno::EIO,
         })
     }
+}
+
+/// Limits that leave out what the machine that runs the tests is busy with.
+fn still() -> ValiditySettings {
+    let mut limits = ValiditySettings::default();
+    limits.other_load.suspect = Limit::Never;
+    limits.memory_pressure.suspect = Limit::Never;
+    limits.steal.suspect = Limit::Never;
+    limits.swapped.suspect = Limit::Never;
+    limits.major_faults.suspect = Limit::Never;
+    limits.throttled.suspect = Limit::Never;
+    limits
 }
 
 /// A run whose loops have ended already: its rows and ticks are all in the queues.
@@ -128,6 +141,7 @@ fn record(windows: &[u32], network: &Unlinked, loops_do: impl FnOnce(&mut Loops)
         step_ns: STEP_NS,
         captures: 0,
         network_seed: Some(7),
+        limits: still(),
     };
     let recorder = Recorder::begin(sources, shape, windows, data.path(), &reporter).unwrap();
     let outcome = recorder.run();
