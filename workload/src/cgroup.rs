@@ -5,6 +5,7 @@
 //! from its own on are visible; what limits those above it cannot be seen.
 
 use std::{
+    collections::BTreeMap,
     fs,
     path::{Path, PathBuf},
 };
@@ -33,6 +34,12 @@ impl Groups {
         Some(Self { folders })
     }
 
+    /// A file of the innermost group that has it, without surrounding white space.
+    #[must_use]
+    pub fn innermost(&self, file: &str) -> Option<String> {
+        self.each(file).next()
+    }
+
     /// A file in each of the groups that has it, the own first.
     pub fn each<'a>(&'a self, file: &'a str) -> impl Iterator<Item = String> + 'a {
         let texts = self
@@ -41,6 +48,43 @@ impl Groups {
             .map(move |folder| fs::read_to_string(folder.join(file)));
         texts.filter_map(|text| text.ok().map(|text| text.trim().to_owned()))
     }
+}
+
+/// The files of both versions that say what a group may use, with their controllers.
+const LIMITS: [(&str, &[&str]); 3] = [
+    (
+        "cpu",
+        &[
+            "cpu.max",
+            "cpu.weight",
+            "cpu.cfs_quota_us",
+            "cpu.cfs_period_us",
+            "cpu.shares",
+            "cpu.rt_runtime_us",
+        ],
+    ),
+    ("cpuset", &["cpuset.cpus.effective", "cpuset.effective_cpus"]),
+    (
+        "memory",
+        &[
+            "memory.max",
+            "memory.high",
+            "memory.swap.max",
+            "memory.limit_in_bytes",
+            "memory.memsw.limit_in_bytes",
+        ],
+    ),
+];
+
+/// What the process's innermost groups may use, in the kernel's spelling, by the names of the kernel's files.
+#[must_use]
+pub fn limits() -> BTreeMap<String, String> {
+    let found = LIMITS.iter().flat_map(|(controller, files)| {
+        let groups = Groups::of(controller);
+        let limit = move |file: &&str| Some(((*file).to_owned(), groups.as_ref()?.innermost(file)?));
+        files.iter().filter_map(limit).collect::<Vec<_>>()
+    });
+    found.collect()
 }
 
 /// Where a controller's hierarchy is mounted and the process's place in it.

@@ -29,6 +29,7 @@ mod message;
 mod notice_board;
 mod on_host;
 mod open_window;
+mod platform_watch;
 mod recorder;
 mod rehearsal;
 mod reporter;
@@ -54,6 +55,7 @@ use self::{
     loops::Shared,
     notice_board::NoticeBoard,
     open_window::WindowShape,
+    platform_watch::PlatformWatch,
     recorder::{Recorder, Sources},
     schedule::Schedule,
 };
@@ -68,12 +70,8 @@ use crate::{
     capture::Capture,
     network::{self, Network},
     realtime::{lock_memory, monotonic_ns},
-    record::{
-        platform::{PlatformRecord, RealtimeGrant, RosMasterRecord},
-        progress::Progress,
-    },
+    record::progress::Progress,
     settings::{ImpairedFrom, Settings},
-    survey,
     virtual_host::VirtualHost,
 };
 
@@ -111,6 +109,7 @@ pub fn run(
     if settings.network.impaired_from == ImpairedFrom::Start {
         network.impair()?;
     }
+    let watch = PlatformWatch::start(&request.data, settings.ros.master)?;
     let captures = start_captures(settings, network.as_ref())?;
     let mut board = NoticeBoard::new();
     let connection = Connection::open(network.as_ref(), settings, &board, stop);
@@ -132,28 +131,33 @@ pub fn run(
     let (threads, queues, mut grant) = LoopThreads::start(settings, plant, controller)?;
     // After all threads have their stacks.
     lock_memory(&settings.realtime, &mut grant);
-    let outcome = record_platform(request, grant).and_then(|()| {
-        let sources = Sources {
-            rows: queues.rows,
-            ticks: queues.ticks,
-            captures,
-            network: network.as_ref(),
-            board,
-            shared: Shared {
-                zero_ns: monotonic_ns() + AHEAD_NS + nanoseconds(settings.control.phase.duration()),
-                stop: Arc::clone(stop),
-                log_dropped: Arc::new(AtomicU64::new(0)),
-            },
-        };
-        measure(request, reporter, &threads, sources)
-    });
+    watch.granted(grant);
+    let sources = Sources {
+        rows: queues.rows,
+        ticks: queues.ticks,
+        captures,
+        network: network.as_ref(),
+        board,
+        shared: Shared {
+            zero_ns: monotonic_ns() + AHEAD_NS + nanoseconds(settings.control.phase.duration()),
+            stop: Arc::clone(stop),
+            log_dropped: Arc::new(AtomicU64::new(0)),
+        },
+    };
+    let outcome = measure(request, reporter, &threads, sources);
     if outcome.is_err() {
         stop.store(true, Ordering::Relaxed);
     }
     let joined = threads.join();
     nodes.close();
+    let watched = watch.finish();
     let ending = outcome?;
-    joined.map(|()| ending)
+    joined?;
+    let changes = watched?;
+    if !changes.is_empty() {
+        reporter.say(&Progress::PlatformChanged { changes });
+    }
+    Ok(ending)
 }
 
 /// Above the loops, unless nothing is to be urgent.
@@ -172,20 +176,6 @@ fn start_captures(
     hosts
         .map(|host| Ok((host, Capture::start(network, host, &settings.capture)?)))
         .collect()
-}
-
-/// Writes `environment.json`.
-fn record_platform(request: &Request, grant: RealtimeGrant) -> Result<(), ExperimentError> {
-    let path = request.data.join("environment.json");
-    let program = request.settings.ros.master;
-    let platform = PlatformRecord {
-        ros_master: Some(RosMasterRecord {
-            program,
-            version: master::version(program),
-        }),
-        ..survey::platform(grant)
-    };
-    window_folder::write_whole(&path, &platform).map_err(|source| ExperimentError::Write { path, source })
 }
 
 /// Chooses the experiment's zero, begins the loops and records them to their end.

@@ -3,6 +3,10 @@
 //!
 //! Sources: proc(5), os-release(5). Whatever cannot be read is `None`, since containers hide much of it.
 
+mod clock_discipline;
+mod hypervisor;
+mod software;
+
 use std::{fs, path::Path, thread};
 
 use nix::{
@@ -13,7 +17,7 @@ use nix::{
 
 use crate::{
     causes::with_causes,
-    experiment, network, realtime,
+    cgroup, experiment, network, realtime,
     record::{
         self,
         check::{Check, CheckRecord},
@@ -43,6 +47,8 @@ pub fn platform(realtime: RealtimeGrant) -> PlatformRecord {
         kernel_command_line: read("/proc/cmdline"),
         hostname,
         cpu_model: field(&cpu_info, "model name").or_else(|| field(&cpu_info, "CPU part")),
+        cpu_microcode: field(&cpu_info, "microcode"),
+        cpus_online: read("/sys/devices/system/cpu/online"),
         cpus_allowed: u32::try_from(cpus.len()).unwrap_or(u32::MAX),
         cpu_governor: cpus.first().and_then(|cpu| {
             read(format!(
@@ -54,7 +60,15 @@ pub fn platform(realtime: RealtimeGrant) -> PlatformRecord {
         memory_total_bytes: kibibytes(&memory, "MemTotal"),
         memory_available_bytes: kibibytes(&memory, "MemAvailable"),
         load_1min: read("/proc/loadavg").and_then(|text| text.split(' ').next()?.parse().ok()),
-        hypervisor: hypervisor(&cpu_info),
+        hypervisor: hypervisor::is_present(&cpu_info),
+        hypervisor_name: hypervisor::is_present(&cpu_info)
+            .filter(|present| *present)
+            .and_then(|_| hypervisor::name()),
+        firmware_machine: hypervisor::machine(),
+        cgroup_limits: cgroup::limits(),
+        packages: software::packages(),
+        clock: clock_discipline::read(),
+        time_daemons: software::time_daemons(),
         workload_version: VERSION.to_owned(),
         ros_master: None,
         realtime,
@@ -199,16 +213,6 @@ fn os_name(os_release: &str) -> String {
     parts.into_iter().flatten().collect::<Vec<_>>().join("-")
 }
 
-/// On x86 the processor says it; elsewhere only its presence can be seen.
-fn hypervisor(cpu_info: &str) -> Option<bool> {
-    let by_flags = field(cpu_info, "flags").map(|flags| flags.split(' ').any(|flag| flag == "hypervisor"));
-    let seen = || {
-        let signs = ["/sys/hypervisor/type", "/proc/device-tree/hypervisor"];
-        signs.iter().any(|path| Path::new(path).exists()).then_some(true)
-    };
-    by_flags.or_else(seen)
-}
-
 #[cfg(test)]
 mod tests {
     use rstest::rstest;
@@ -230,21 +234,16 @@ mod tests {
         assert_eq!(kibibytes(text, "MemAvailable"), None);
     }
 
-    #[rstest]
-    #[case::inside("flags\t\t: fpu vme hypervisor lahf_lm", Some(true))]
-    #[case::bare("flags\t\t: fpu vme lahf_lm", Some(false))]
-    fn the_processor_says_whether_there_is_a_hypervisor(
-        #[case] cpu_info: &str,
-        #[case] wanted: Option<bool>,
-    ) {
-        assert_eq!(hypervisor(cpu_info), wanted);
-    }
-
     #[test]
     fn this_machine_has_a_kernel_and_a_processor() {
         let platform = platform(RealtimeGrant::default());
         assert!(!platform.kernel.is_empty() && !platform.machine.is_empty());
         assert!(platform.cpus_allowed > 0);
         assert!(platform.clock_resolution_ns > 0);
+        assert!(platform.cpus_online.is_some());
+        assert_eq!(
+            platform.changes(&super::platform(RealtimeGrant::default())),
+            Vec::new()
+        );
     }
 }

@@ -21,7 +21,7 @@ use workload::record::{
     FORMAT,
     check::CheckRecord,
     control_log::ControlRow,
-    platform::PlatformRecord,
+    platform::SurveyRecord,
     progress::Progress,
     window::{Verdict, WindowRecord},
 };
@@ -179,7 +179,10 @@ fn a_run_measures_contiguous_windows_with_all_their_files() {
         .map(|line| serde_json::from_str(line).unwrap())
         .collect();
     assert_eq!(journal, said);
-    let platform: PlatformRecord = read_json(&data.join("environment.json"));
+    let survey: SurveyRecord = read_json(&data.join("environment.json"));
+    let platform = &survey.before;
+    assert_eq!(survey.after.as_ref().unwrap().kernel, platform.kernel);
+    assert_eq!(survey.changes, Vec::new());
     assert_eq!(platform.realtime.priority_asked, 80);
     assert_eq!(
         platform.realtime.priority_granted == 0,

@@ -101,6 +101,13 @@ fn said(progress: &Progress) -> Option<String> {
         Progress::WindowComplete { window, verdict } => {
             format!("window {window} complete, {}", verdict_word(*verdict))
         }
+        Progress::PlatformChanged { changes } => {
+            let changes: Vec<String> = changes.iter().map(ToString::to_string).collect();
+            format!(
+                "the platform changed while it was measured: {}",
+                changes.join("; ")
+            )
+        }
         Progress::Stopped { window } => format!("stopped in window {window}"),
         Progress::Finished => "all windows measured".to_owned(),
         Progress::Failed { reason, .. } => format!("failed: {reason}"),

@@ -112,6 +112,9 @@ fn scenario(scenario: &ScenarioReport) -> String {
     for refusal in scenario.environment.iter().flat_map(EnvironmentRecord::refusals) {
         item(refusal);
     }
+    for change in scenario.environment.iter().flat_map(EnvironmentRecord::changes) {
+        item(change);
+    }
     items.join("\n")
 }
 

@@ -2,7 +2,7 @@
 
 use serde::{Deserialize, Serialize};
 use serde_json::{Map, Value};
-use workload::record::platform::RealtimeGrant;
+use workload::record::platform::{PlatformChange, RealtimeGrant};
 
 /// What a scenario's platform was, from the outside and from the inside. That of an earlier environment, whose windows
 /// may count, stands beside it as `environment-<name>.json`.
@@ -29,6 +29,21 @@ impl EnvironmentRecord {
     #[must_use]
     pub fn is_simulated(&self) -> bool {
         self.provider == "fake"
+    }
+
+    /// What was not the same after the windows as before them, in words; empty if nothing changed.
+    #[must_use]
+    pub fn changes(&self) -> Vec<String> {
+        let changes = self
+            .platform
+            .as_ref()
+            .and_then(|platform| platform.get("changes"));
+        let changes = changes.and_then(|changes| Vec::<PlatformChange>::deserialize(changes).ok());
+        let changes = changes.unwrap_or_default();
+        changes
+            .iter()
+            .map(|change| format!("the platform changed while it was measured: {change}"))
+            .collect()
     }
 
     /// What the loops asked of the operating system and did not get, in words; empty if all was granted.

@@ -3,7 +3,7 @@
 
 use serde::{Deserialize, Serialize};
 
-use super::window::Verdict;
+use super::{platform::PlatformChange, window::Verdict};
 use crate::virtual_host::VirtualHost;
 
 /// One of the two nodes that make the loop.
@@ -90,6 +90,11 @@ pub enum Progress {
         window: u32,
         /// What it is worth.
         verdict: Verdict,
+    },
+    /// After the windows the platform was not what it had been before them.
+    PlatformChanged {
+        /// What changed.
+        changes: Vec<PlatformChange>,
     },
     /// The run ended early because it was asked to; the window under way is marked incomplete.
     Stopped {

@@ -13,12 +13,7 @@ use std::{
 use async_trait::async_trait;
 use serde::{Deserialize, Serialize};
 use serde_json::{Map, Value, json};
-use workload::record::{
-    FORMAT,
-    platform::{PlatformRecord, RealtimeGrant},
-    progress::Progress,
-    window::Verdict,
-};
+use workload::record::{FORMAT, platform::PlatformRecord, progress::Progress, window::Verdict};
 
 use super::{
     FakeSettings, Fault, FaultPoint,
@@ -329,8 +324,7 @@ fn platform() -> PlatformRecord {
         load_1min: None,
         hypervisor: None,
         workload_version: env!("CARGO_PKG_VERSION").to_owned(),
-        ros_master: None,
-        realtime: RealtimeGrant::default(),
+        ..PlatformRecord::default()
     }
 }
 
