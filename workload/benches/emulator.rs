@@ -81,7 +81,10 @@ struct Flood {
 fn flood(settings: &NetworkSettings, payload: usize) -> Flood {
     let network = network::open(settings, 85).expect("the network can be had");
     network.impair().expect("the links can be impaired");
-    let (sender, receiver) = (udp(&*network, VirtualHost::Sta1), udp(&*network, VirtualHost::Sta2));
+    let (sender, receiver) = (
+        udp(&*network, VirtualHost::Sta1),
+        udp(&*network, VirtualHost::Sta2),
+    );
     receiver.set_read_timeout(Some(FLOOD)).unwrap();
     let stop = AtomicBool::new(false);
     let datagram = vec![0; payload];

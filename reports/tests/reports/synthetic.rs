@@ -17,9 +17,7 @@ use workload::{
     quantity::{Frequency, TimeSpan},
     record::{
         control_log::ControlRow,
-        window::{
-            ConditionsRecord, FileRecord, LoopRecord, NoticesRecord, ReleaseRecord, Verdict, WindowRecord,
-        },
+        window::{ConditionsRecord, FileRecord, LoopRecord, NoticesRecord, Verdict, WindowRecord},
     },
     settings::Settings,
 };
@@ -355,13 +353,7 @@ fn window_record(slug: &str, window: u32, log: &str) -> WindowRecord {
         network_seed: None,
         links: Vec::new(),
         notices: NoticesRecord::default(),
-        releases: Some(ReleaseRecord {
-            released: 6000,
-            lateness_mean_ns: 41_000.0,
-            lateness_p99_ns: 130_000,
-            lateness_p999_ns: 310_000,
-            lateness_max_ns: 2_400_000,
-        }),
+        releases: None,
         files: vec![file_record(log)],
         verdict: Verdict::Valid,
         reasons: Vec::new(),

@@ -2,11 +2,11 @@
 
 use reports::{
     Report, analyse,
-    run_directory::{Event, Outcome},
+    run_directory::{EnvironmentRecord, Event, Outcome},
     settings::{Metric, ReportSettings},
 };
 use serde_json::json;
-use workload::record::window::Verdict;
+use workload::record::window::{ReleaseRecord, Verdict};
 
 use crate::synthetic::{Scenario, Synthetic, journal};
 
@@ -294,4 +294,54 @@ fn the_last_word_of_the_journal_on_a_scenario_counts() {
     });
     synthetic.write_journal(&events);
     assert_eq!(report_of(&synthetic).scenarios[0].standing.name(), "completed");
+}
+
+#[test]
+fn how_late_the_emulator_let_packets_go_is_a_table_of_the_worst_window_that_counts() {
+    let synthetic = Synthetic::new(&nine());
+    let b = "i686-ubuntu-native";
+    assert!(!report_of(&synthetic).markdown().contains("network emulator"));
+    for (window, mean_ns, max_ns) in [(1, 40_000.0, 2_000_000), (2, 60_000.0, 5_000_000)] {
+        synthetic.edit_window(b, window, |record| {
+            record.releases = Some(ReleaseRecord {
+                released: 1000,
+                lateness_mean_ns: mean_ns,
+                lateness_p99_ns: 100_000,
+                lateness_p999_ns: 300_000,
+                lateness_max_ns: max_ns,
+            });
+        });
+    }
+    let report = report_of(&synthetic);
+    let markdown = report.markdown();
+    let row = markdown
+        .lines()
+        .find(|line| line.contains("| b |") && line.contains("5.000"))
+        .unwrap_or_else(|| panic!("{markdown}"));
+    let cells: Vec<&str> = row.split('|').map(str::trim).collect();
+    assert_eq!(cells[3..7], ["0.050", "0.100", "0.300", "5.000"], "{row}");
+    assert_eq!(
+        report.json()["scenarios"][1]["health"]["releases"]["released"],
+        json!(2000)
+    );
+}
+
+#[test]
+fn a_platform_that_changed_while_it_was_measured_is_told() {
+    let synthetic = Synthetic::new(&nine());
+    let b = "i686-ubuntu-native";
+    let path = synthetic.directory.environment(b);
+    let mut record: EnvironmentRecord = serde_json::from_slice(&std::fs::read(&path).unwrap()).unwrap();
+    record.platform = Some(json!({
+        "changes": [{"what": "cpu_governor", "before": "performance", "after": "powersave"}],
+    }));
+    std::fs::write(&path, serde_json::to_vec(&record).unwrap()).unwrap();
+    let markdown = report_of(&synthetic).markdown();
+    let spaced = markdown.split_whitespace().collect::<Vec<_>>().join(" ");
+    assert!(
+        spaced.contains(
+            "the platform changed while it was measured: cpu_governor was `performance` and is `powersave`"
+        ),
+        "{markdown}"
+    );
 }
