@@ -1,5 +1,8 @@
 //! The static `workload` binary that this `matrix` carries and deploys into every environment. `build.rs` builds it, so
-//! that one program is all a user has to install and both parts always speak the same format.
+//! that one program is all a user has to install and both parts always speak the same format. Those of other machines
+//! are built apart: [`machine`].
+
+pub mod machine;
 
 use std::{
     fmt::Write as _,
