@@ -52,7 +52,7 @@ pub struct OpenWindow {
     plant: Lateness,
     captures: Vec<CaptureRecord>,
     captures_to_come: usize,
-    capture_failures: Vec<String>,
+    failures: Vec<String>,
     notices: NoticesRecord,
     began: Snapshot,
 }
@@ -87,7 +87,7 @@ impl OpenWindow {
             plant: Lateness::with_capacity(shape.steps),
             captures: Vec::new(),
             captures_to_come: shape.captures,
-            capture_failures: Vec::new(),
+            failures: Vec::new(),
             notices: NoticesRecord::default(),
             began,
             folder,
@@ -141,7 +141,7 @@ impl OpenWindow {
             match &captured.outcome {
                 Ok(record) => self.captures.push(record.clone()),
                 Err(error) => self
-                    .capture_failures
+                    .failures
                     .push(format!("A capture failed: {}.", with_causes(error))),
             }
         }
@@ -152,6 +152,11 @@ impl OpenWindow {
         let room = NoticesRecord::MOST.saturating_sub(self.notices.first.len());
         self.notices.count += news.texts.len() as u64 + news.forgotten;
         self.notices.first.extend(news.texts.into_iter().take(room));
+    }
+
+    /// Something went wrong that its numbers do not show: a reason, a sentence.
+    pub fn fail(&mut self, reason: String) {
+        self.failures.push(reason);
     }
 
     /// Whether captures are still to come.
@@ -209,7 +214,7 @@ impl OpenWindow {
             limits: &shape.limits,
         };
         (record.verdict, record.reasons) = validity::judge(&record, &expected);
-        record.reasons.extend(self.capture_failures);
+        record.reasons.extend(self.failures);
         Ok(ClosedWindow {
             folder: self.folder,
             record,

@@ -28,6 +28,7 @@ use super::{
 };
 use crate::{
     capture::Capture,
+    causes::with_causes,
     network::Network,
     realtime::{monotonic_ns, priority::step_back, sleep_until},
     record::{control_log::ControlRow, progress::Progress},
@@ -156,6 +157,9 @@ impl<'a> Recorder<'a> {
                 });
             let sealer = sealer.map_err(|source| ExperimentError::Thread { name, source })?;
             let recorded = self.record(&closed);
+            if let Err(failure) = &recorded {
+                self.cut(failure, &closed);
+            }
             drop(closed);
             // What kept the sealer from sealing is the cause of what kept the recorder from handing over.
             sealer
@@ -184,10 +188,7 @@ impl<'a> Recorder<'a> {
             self.hand_over(closed, false)?;
         }
         let ending = self.end()?;
-        while !self.closing.is_empty() {
-            self.hand_over(closed, true)?;
-            sleep_until(monotonic_ns() + DRAIN_EVERY_NS);
-        }
+        self.hand_over_rest(closed)?;
         Ok(ending)
     }
 
@@ -367,25 +368,55 @@ impl<'a> Recorder<'a> {
             return Ok(Ending::Finished);
         };
         let stopped = self.sources.shared.stop.load(Ordering::Relaxed);
-        let planned_ns = self.starts_ns(self.next_position);
-        let now_ns = monotonic_ns() - self.sources.shared.zero_ns;
-        let ended_ns = if stopped {
-            now_ns.min(planned_ns)
-        } else {
-            planned_ns
-        };
-        let ended = self.close_current(ended_ns, !stopped);
-        self.end_captures(ended_ns, &ended)?;
-        if let Some(folder) = self.next_folder.take() {
-            folder.withdraw();
-        }
         if stopped {
+            self.close_last(self.now_ns(), false)?;
             Ok(Ending::Stopped { window: number })
         } else if self.numbers.is_empty() {
+            self.close_last(self.starts_ns(self.next_position), true)?;
             Ok(Ending::Finished)
         } else {
             Err(ExperimentError::ThreadEnded { name: "controller" })
         }
+    }
+
+    /// After a failure: stops the loops, and ends the window under way here, with the failure as a reason. Windows that
+    /// were whole by then are handed over; one that still waited for something stays without a record. A second failure
+    /// on the way is not told: it is likely a consequence of the first.
+    fn cut(&mut self, failure: &ExperimentError, closed: &Sender<ClosedWindow>) {
+        self.sources.shared.stop.store(true, Ordering::Relaxed);
+        let _ = self.hand_over(closed, false);
+        self.closing.clear();
+        if let Some(window) = &mut self.current {
+            window.fail(format!("The experiment failed: {}.", with_causes(failure)));
+            let _ = self
+                .close_last(self.now_ns(), false)
+                .and_then(|()| self.hand_over_rest(closed));
+        }
+    }
+
+    /// Now on the experiment's clock, in the window under way.
+    fn now_ns(&self) -> i64 {
+        let now_ns = monotonic_ns() - self.sources.shared.zero_ns;
+        now_ns.min(self.starts_ns(self.next_position))
+    }
+
+    /// Closes the last window of the run, and the captures with it.
+    fn close_last(&mut self, ended_ns: i64, complete: bool) -> Result<(), ExperimentError> {
+        let ended = self.close_current(ended_ns, complete);
+        self.end_captures(ended_ns, &ended)?;
+        if let Some(folder) = self.next_folder.take() {
+            folder.withdraw();
+        }
+        Ok(())
+    }
+
+    /// Hands over what is closed, as it gets ready; the loops have ended or were told to.
+    fn hand_over_rest(&mut self, closed: &Sender<ClosedWindow>) -> Result<(), ExperimentError> {
+        while !self.closing.is_empty() {
+            self.hand_over(closed, true)?;
+            sleep_until(monotonic_ns() + DRAIN_EVERY_NS);
+        }
+        Ok(())
     }
 
     /// Closes and hands over the windows that are ready, in order.

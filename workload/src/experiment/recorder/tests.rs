@@ -262,7 +262,17 @@ fn a_network_that_broke_down_ends_the_run_and_stops_the_loops() {
     let recorded = record(&[1], &Unlinked { broken: true }, |loops| loops.steps(0..5));
     assert!(matches!(recorded.outcome, Err(ExperimentError::Network(_))));
     assert!(recorded.stop.load(Ordering::Relaxed));
-    assert!(!recorded.data.path().join("window-1/window.json").exists());
+    let cut = recorded.window(1);
+    assert_eq!((cut.complete, cut.verdict), (false, Verdict::Invalid));
+    assert_eq!(
+        cut.reasons,
+        [
+            "The window was cut after 5 of 10 steps.",
+            "The experiment failed: the virtual hosts' network failed: the network stopped: waiting for packets failed: \
+             EIO: I/O error.",
+        ]
+    );
+    assert_eq!(recorded.progress(), [Progress::Measuring { window: 1 }]);
 }
 
 #[test]
@@ -272,4 +282,7 @@ fn a_loop_that_dies_before_its_last_window_is_a_failure() {
         recorded.outcome,
         Err(ExperimentError::ThreadEnded { .. })
     ));
+    let cut = recorded.window(1);
+    assert_eq!((cut.complete, cut.verdict), (false, Verdict::Invalid), "{cut:#?}");
+    assert!(!recorded.data.path().join("window-2").exists());
 }
