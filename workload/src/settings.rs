@@ -441,6 +441,26 @@ mod tests {
         assert_eq!(settings.steps_per_window(), 300_000);
     }
 
+    #[rstest::rstest]
+    #[case("50Hz", 300_000, 0)]
+    #[case("30Hz", 180_000, 60_000)]
+    #[case("70Hz", 420_000, 120_000)]
+    #[case("333Hz", 1_998_000, 6_000)]
+    #[case("999Hz", 5_994_000, 6_000)]
+    fn a_long_window_has_all_its_steps_though_a_step_is_whole_nanoseconds(
+        #[case] rate: &str,
+        #[case] steps: u64,
+        #[case] short_by_ns: u64,
+    ) {
+        let settings = Settings {
+            rate: rate.parse().unwrap(),
+            ..Settings::default()
+        };
+        assert_eq!(settings.steps_per_window(), steps);
+        let lasts_ns = steps * settings.rate.step().as_nanos() as u64;
+        assert_eq!(lasts_ns.abs_diff(6_000_000_000_000), short_by_ns);
+    }
+
     #[test]
     fn settings_read_back_as_they_were_written() {
         let settings = Settings::default();
