@@ -15,7 +15,7 @@ use crate::{
 /// answer.
 pub async fn survey(file: &MatrixFile, roster: &Roster) -> BTreeMap<String, HostFacts> {
     let named = file.matrix.virtualizations();
-    let asked: Vec<&str> = provider::NAMES
+    let asked: Vec<&str> = provider::names()
         .into_iter()
         .filter(|name| named.contains(name))
         .collect();

@@ -2,7 +2,6 @@
 //! tables, and what a reader must know before believing them. The main type is [`Report`], made by [`analyse`].
 
 use serde_json::{Map, Value};
-use workload::record::window::Verdict;
 
 use crate::{
     comparison::{Comparison, Tally, compare_all, tally},
@@ -94,11 +93,11 @@ impl Standing {
     #[must_use]
     pub const fn name(self) -> &'static str {
         match self {
-            Self::Completed => "completed",
-            Self::Failed => "failed",
-            Self::Errored => "errored",
+            Self::Completed => Outcome::Completed.name(),
+            Self::Failed => Outcome::Failed.name(),
+            Self::Errored => Outcome::Errored.name(),
             Self::Infeasible => "infeasible",
-            Self::Interrupted => "interrupted",
+            Self::Interrupted => Outcome::Interrupted.name(),
             Self::Unfinished => "unfinished",
             Self::NotSelected => "not selected",
             Self::NotStarted => "not started",
@@ -280,11 +279,9 @@ fn standing(ending: &Ending) -> (Standing, Option<String>, Option<String>) {
 
 fn window_report(window: &Window, n: usize) -> WindowReport {
     let (verdict, mut reasons) = match &window.state {
-        WindowState::Counted { record, .. } if record.verdict == Verdict::Suspect => {
-            ("suspect", record.reasons.clone())
+        WindowState::Counted { record, .. } | WindowState::Invalid { record } => {
+            (record.verdict.name(), record.reasons.clone())
         }
-        WindowState::Counted { .. } => ("valid", Vec::new()),
-        WindowState::Invalid { record } => ("invalid", record.reasons.clone()),
         WindowState::Broken { reason } => ("broken", vec![reason.clone()]),
         WindowState::Missing => ("missing", vec!["it was not measured".to_owned()]),
     };

@@ -31,7 +31,7 @@ pub struct DoctorArguments {
 pub async fn execute(arguments: &DoctorArguments) -> Result<Exit, Complaint> {
     let facts = survey::this_machine(
         THIS_MACHINE,
-        &provider::NAMES,
+        &provider::names(),
         &Roster::new(ProviderSettings::default()),
     )
     .await;

@@ -10,7 +10,6 @@ use crate::{
     arguments::OutputArguments,
     exit::Exit,
     lease,
-    observer::plain_log::outcome_word,
     run::{record::RecordedRun, state::ScenarioState},
     terminal::{self, Complaint},
 };
@@ -90,7 +89,7 @@ fn word(planned: &PlannedScenario, state: &ScenarioState, live: bool) -> &'stati
     }
     match (planned.feasible, state.outcome, &state.open) {
         (false, ..) => "infeasible",
-        (true, Some(outcome), _) => outcome_word(outcome),
+        (true, Some(outcome), _) => outcome.name(),
         (true, None, Some(_)) if live => "running",
         (true, None, Some(_)) => "left behind",
         (true, None, None) => "waiting",

@@ -275,7 +275,7 @@ impl Section<'_> {
             self.wrong_type(node, "a word or a number");
             return None;
         };
-        if Role::of(axis) == Ok(Role::Virtualization) && !provider::NAMES.contains(&text) {
+        if Role::of(axis) == Ok(Role::Virtualization) && !provider::names().contains(&text) {
             let error = self
                 .error(
                     Code::UnknownValue,
@@ -283,7 +283,7 @@ impl Section<'_> {
                     format!("there is no virtualization `{text}`"),
                 )
                 .label("unknown value")
-                .help(propose(text, provider::NAMES));
+                .help(propose(text, provider::names()));
             self.found.push(error);
             return None;
         }

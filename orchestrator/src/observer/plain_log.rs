@@ -2,8 +2,8 @@
 
 use std::io::Write;
 
-use reports::run_directory::{Event, Outcome};
-use workload::record::{progress::Progress, window::Verdict};
+use reports::run_directory::Event;
+use workload::record::progress::Progress;
 
 use super::Observer;
 
@@ -58,10 +58,7 @@ pub fn line(event: &Event) -> Option<String> {
             verdict,
             ..
         } => {
-            format!(
-                "{scenario}: window {window} collected, {}",
-                verdict_word(*verdict)
-            )
+            format!("{scenario}: window {window} collected, {}", verdict.name())
         }
         Event::WindowBroken {
             scenario,
@@ -78,7 +75,7 @@ pub fn line(event: &Event) -> Option<String> {
             reason,
             hint,
         } => {
-            let mut line = format!("{scenario}: {}", outcome_word(*outcome));
+            let mut line = format!("{scenario}: {}", outcome.name());
             for part in [reason, hint].into_iter().flatten() {
                 line.push_str(": ");
                 line.push_str(part);
@@ -99,7 +96,7 @@ fn said(progress: &Progress) -> Option<String> {
         Progress::Notice { host, text } => format!("{host}: {text}"),
         Progress::Measuring { window } => format!("measuring window {window}"),
         Progress::WindowComplete { window, verdict } => {
-            format!("window {window} complete, {}", verdict_word(*verdict))
+            format!("window {window} complete, {}", verdict.name())
         }
         Progress::PlatformChanged { changes } => {
             let changes: Vec<String> = changes.iter().map(ToString::to_string).collect();
@@ -114,33 +111,14 @@ fn said(progress: &Progress) -> Option<String> {
     })
 }
 
-/// A verdict as a word.
-#[must_use]
-pub const fn verdict_word(verdict: Verdict) -> &'static str {
-    match verdict {
-        Verdict::Valid => "valid",
-        Verdict::Suspect => "suspect",
-        Verdict::Invalid => "invalid",
-    }
-}
-
-/// An outcome as a word.
-#[must_use]
-pub const fn outcome_word(outcome: Outcome) -> &'static str {
-    match outcome {
-        Outcome::Completed => "completed",
-        Outcome::Failed => "failed",
-        Outcome::Errored => "errored",
-        Outcome::Interrupted => "interrupted",
-    }
-}
-
 fn list(windows: &[u32]) -> String {
     windows.iter().map(u32::to_string).collect::<Vec<_>>().join(", ")
 }
 
 #[cfg(test)]
 mod tests {
+    use reports::run_directory::Outcome;
+
     use super::*;
 
     #[test]

@@ -16,7 +16,7 @@ fn willing(hardware: &str, os: &str) -> HostFacts {
     HostFacts {
         hardware: hardware.to_owned(),
         os: os.to_owned(),
-        providers: crate::provider::NAMES
+        providers: crate::provider::names()
             .iter()
             .map(|name| ((*name).to_owned(), available()))
             .collect(),

@@ -122,7 +122,7 @@ impl ProviderError {
     #[must_use]
     pub fn hint(&self) -> Option<String> {
         match self {
-            Self::Unknown { .. } => Some(format!("write one of {}", super::NAMES.join(", "))),
+            Self::Unknown { .. } => Some(format!("write one of {}", super::names().join(", "))),
             Self::Unsupported { hint, .. } | Self::Unreachable { hint, .. } | Self::Refused { hint, .. } => {
                 hint.clone()
             }

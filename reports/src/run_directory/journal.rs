@@ -4,12 +4,12 @@
 //! Intent comes before effect: [`Event::EnvironmentCreating`] names every resource before it exists, so that whatever
 //! a crash leaves behind can be found. Nothing else knows the state of a run.
 
-use std::{fs, io, path::Path};
+use std::path::Path;
 
 use serde::{Deserialize, Serialize};
 use workload::record::{progress::Progress, window::Verdict};
 
-use super::reading::ReadError;
+use super::reading::{ReadError, read_file};
 
 /// One line of the journal.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
@@ -151,6 +151,19 @@ pub enum Outcome {
     Interrupted,
 }
 
+impl Outcome {
+    /// Its name, as the journal has it.
+    #[must_use]
+    pub const fn name(self) -> &'static str {
+        match self {
+            Self::Completed => "completed",
+            Self::Failed => "failed",
+            Self::Errored => "errored",
+            Self::Interrupted => "interrupted",
+        }
+    }
+}
+
 /// One thing that exists outside the run directory because of us.
 #[derive(Debug, Clone, PartialEq, Eq, Hash, Serialize, Deserialize)]
 pub struct Resource {
@@ -178,15 +191,7 @@ impl Journal {
     /// # Errors
     /// When the file is missing or cannot be read, or another line is not an event.
     pub fn read(path: &Path) -> Result<Self, ReadError> {
-        let text = fs::read(path).map_err(|source| match source.kind() {
-            io::ErrorKind::NotFound => ReadError::HalfWritten {
-                path: path.to_owned(),
-            },
-            _ => ReadError::Io {
-                path: path.to_owned(),
-                source,
-            },
-        })?;
+        let text = read_file(path)?;
         let mut journal = Self::default();
         let mut unreadable = None;
         // By bytes, since a crash may cut a character in two.
@@ -219,6 +224,8 @@ impl Journal {
 #[cfg(test)]
 mod tests {
     use rstest::rstest;
+
+    use std::fs;
 
     use super::*;
 

@@ -108,13 +108,9 @@ impl ReadError {
     }
 }
 
-/// Reads one of the files that carry a `format`.
-pub(crate) fn read_record<T: DeserializeOwned>(path: &Path, known: u32) -> Result<T, ReadError> {
-    #[derive(Deserialize)]
-    struct Versioned {
-        format: Option<u64>,
-    }
-    let text = fs::read(path).map_err(|source| match source.kind() {
+/// Reads one of the files that every run directory has.
+pub(crate) fn read_file(path: &Path) -> Result<Vec<u8>, ReadError> {
+    fs::read(path).map_err(|source| match source.kind() {
         io::ErrorKind::NotFound => ReadError::HalfWritten {
             path: path.to_owned(),
         },
@@ -122,7 +118,16 @@ pub(crate) fn read_record<T: DeserializeOwned>(path: &Path, known: u32) -> Resul
             path: path.to_owned(),
             source,
         },
-    })?;
+    })
+}
+
+/// Reads one of the files that carry a `format`.
+pub(crate) fn read_record<T: DeserializeOwned>(path: &Path, known: u32) -> Result<T, ReadError> {
+    #[derive(Deserialize)]
+    struct Versioned {
+        format: Option<u64>,
+    }
+    let text = read_file(path)?;
     // The format first: what else a later version changed must not be reported as damage.
     let json = |source| ReadError::Json {
         path: path.to_owned(),

@@ -119,6 +119,18 @@ pub enum Verdict {
     Invalid,
 }
 
+impl Verdict {
+    /// Its name, as `window.json` has it.
+    #[must_use]
+    pub const fn name(self) -> &'static str {
+        match self {
+            Self::Valid => "valid",
+            Self::Suspect => "suspect",
+            Self::Invalid => "invalid",
+        }
+    }
+}
+
 /// How well one of the two loops held its schedule.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Serialize, Deserialize)]
 pub struct LoopRecord {
