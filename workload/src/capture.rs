@@ -1,13 +1,16 @@
-//! The packet capture on one virtual host: a packet socket on its interface (packet(7)), a reading thread, and one
-//! nanosecond pcap file a window. The main type is [`Capture`].
+//! The packet capture on one virtual host: a source of packets on its interface (our packet socket, or tcpdump), a
+//! reading thread, and one nanosecond pcap file a window. The main type is [`Capture`].
 //!
 //! Each packet carries the kernel's stamp (`SO_TIMESTAMPNS`, the wall clock). A packet that the host sends is stamped
 //! when its stack hands it to the device, after any queueing in the host and before the first link; one that it
 //! receives when the emulator's write enters the host's stack, after the last link. So a stamp on one host minus the
 //! stamp on another is the time on the links plus the emulator's lateness, and leaves out the sockets at both ends.
 
+mod filter;
 mod packet_socket;
+mod packet_source;
 mod stamping;
+mod tcpdump;
 mod window_file;
 mod window_sequence;
 
@@ -27,8 +30,9 @@ use nix::{
     sys::eventfd::{EfdFlags, EventFd},
 };
 
+pub use self::packet_source::survey;
 use self::{
-    packet_socket::{PacketSocket, Wakened},
+    packet_source::{PacketSource, Wakened},
     window_file::WindowFile,
     window_sequence::{Boundary, WindowSequence},
 };
@@ -94,6 +98,31 @@ pub enum CaptureError {
         /// Whose.
         host: VirtualHost,
     },
+    /// tcpdump could not be started.
+    #[error("tcpdump could not be started")]
+    Tool {
+        /// Why.
+        source: Arc<io::Error>,
+    },
+    /// tcpdump would end at once.
+    #[error("tcpdump may not set its groups here, which it does as it starts")]
+    ToolRights,
+    /// tcpdump has ended, or does not answer.
+    #[error("tcpdump on {host} no longer captures: {said}")]
+    ToolEnded {
+        /// Where.
+        host: VirtualHost,
+        /// Its last words.
+        said: String,
+    },
+    /// The filter is none.
+    #[error("tcpdump refused the filter `{expression}`: {said}")]
+    Filter {
+        /// As it was written.
+        expression: String,
+        /// tcpdump's words.
+        said: String,
+    },
     /// A file could not be written.
     #[error("cannot write the capture {}", file.display())]
     Write {
@@ -123,24 +152,34 @@ impl CaptureError {
                 io::ErrorKind::PermissionDenied => Some("choose a folder that you may write to".to_owned()),
                 _ => None,
             },
-            Self::Socket { .. } | Self::Ended { .. } => None,
+            Self::Tool { .. } => Some(
+                "install it where the workload runs (`apt-get install tcpdump`; in Docker, name an `image:` that has \
+                 it), or do without: `capture: {tool: builtin}` and no `capture.filter`"
+                    .to_owned(),
+            ),
+            Self::ToolRights => Some(
+                "run as root, in a container with the capability SETGID, or write `capture: {tool: builtin}`".to_owned(),
+            ),
+            Self::Filter { .. } => {
+                Some("write `capture.filter` as pcap-filter(7) says, such as `tcp and not port 11311`".to_owned())
+            }
+            Self::Socket { .. } | Self::Ended { .. } | Self::ToolEnded { .. } => None,
         }
     }
 }
 
 impl Capture {
-    /// Opens a packet socket on the host's interface and starts a thread that reads it. Packets are thrown away until
-    /// a window begins. The calling thread stays in its own namespace.
+    /// Opens the source that the settings ask for on the host's interface and starts a thread that reads it. Packets are
+    /// thrown away until a window begins. The calling thread stays in its own namespace.
     ///
     /// # Errors
-    /// If the socket cannot be opened.
+    /// If the source cannot be opened.
     pub fn start(
         network: &dyn Network,
         host: VirtualHost,
         settings: &CaptureSettings,
     ) -> Result<Self, CaptureError> {
         let snaplen = u32::try_from(settings.snaplen.get()).unwrap_or(u32::MAX);
-        let socket = open_within(network, host)?;
         let wake = EventFd::from_flags(EfdFlags::EFD_CLOEXEC | EfdFlags::EFD_NONBLOCK).map_err(|source| {
             CaptureError::Socket {
                 host,
@@ -151,22 +190,31 @@ impl Capture {
         let wake = Arc::new(wake);
         let (boundaries, to_come) = mpsc::channel();
         let (completes, completed) = mpsc::channel();
-        let reader = Reader {
-            host,
-            socket,
-            wake: wake.clone(),
-            to_come,
-            windows: WindowSequence::default(),
-            completes,
-            buffer: vec![0; usize::try_from(snaplen).unwrap_or(usize::MAX)],
+        let (opened, opens) = mpsc::channel();
+        let interface = network.interface(host);
+        let settings = settings.clone();
+        let for_reader = Arc::clone(&wake);
+        let read = move || match packet_source::open(host, &interface, &settings) {
+            Ok(source) => {
+                let _ = opened.send(Ok(()));
+                Reader {
+                    host,
+                    windows: WindowSequence::with_grace(source.latest_after_ns()),
+                    source,
+                    wake: for_reader,
+                    to_come,
+                    completes,
+                    buffer: vec![0; usize::try_from(snaplen).unwrap_or(usize::MAX)],
+                }
+                .run();
+            }
+            Err(error) => {
+                let _ = opened.send(Err(error));
+            }
         };
-        let thread = thread::Builder::new()
-            .name(format!("capture-{host}"))
-            .spawn(move || reader.run());
-        let thread = thread.map_err(|error| CaptureError::Thread {
-            host,
-            source: Arc::new(error),
-        })?;
+        let thread = start_within(network, host, read)?;
+        // Nothing is sent only if the thread ended early.
+        opens.recv().unwrap_or(Err(CaptureError::Ended { host }))?;
         Ok(Self {
             host,
             snaplen,
@@ -229,26 +277,32 @@ impl Drop for Capture {
     }
 }
 
-/// Opens the socket on a thread of its own, since a thread cannot easily leave a namespace that it has entered.
-fn open_within(network: &dyn Network, host: VirtualHost) -> Result<PacketSocket, CaptureError> {
+/// Starts a thread in the host's namespace: threads are where the one is that starts them, and this one starts it from
+/// one that enters the namespace for that alone.
+fn start_within(
+    network: &dyn Network,
+    host: VirtualHost,
+    work: impl FnOnce() + Send + 'static,
+) -> Result<JoinHandle<()>, CaptureError> {
+    let thread_error = |error| CaptureError::Thread {
+        host,
+        source: Arc::new(error),
+    };
+    let start = || {
+        network
+            .enter(host)
+            .map_err(|source| CaptureError::Network { host, source })?;
+        let name = format!("capture-{host}");
+        thread::Builder::new()
+            .name(name)
+            .spawn(work)
+            .map_err(thread_error)
+    };
     thread::scope(|scope| {
-        let open = || {
-            network
-                .enter(host)
-                .map_err(|source| CaptureError::Network { host, source })?;
-            let failed = |action| move |source| CaptureError::Socket { host, action, source };
-            let socket = PacketSocket::open(&network.interface(host))
-                .map_err(|(action, source)| CaptureError::Socket { host, action, source })?;
-            stamping::wait_until_live().map_err(failed("waiting for the kernel to stamp packets"))?;
-            Ok(socket)
-        };
-        let thread = thread::Builder::new()
-            .spawn_scoped(scope, open)
-            .map_err(|error| CaptureError::Thread {
-                host,
-                source: Arc::new(error),
-            })?;
-        thread
+        let entering = thread::Builder::new()
+            .spawn_scoped(scope, start)
+            .map_err(thread_error)?;
+        entering
             .join()
             .unwrap_or_else(|payload| std::panic::resume_unwind(payload))
     })
@@ -257,7 +311,7 @@ fn open_within(network: &dyn Network, host: VirtualHost) -> Result<PacketSocket,
 /// The reading thread.
 struct Reader {
     host: VirtualHost,
-    socket: PacketSocket,
+    source: Box<dyn PacketSource>,
     wake: Arc<EventFd>,
     to_come: Receiver<Boundary<WindowFile>>,
     windows: WindowSequence<WindowFile>,
@@ -268,7 +322,7 @@ struct Reader {
 impl Reader {
     fn run(mut self) {
         let failure = self.read_until_dropped().err();
-        let (current, cancelled) = std::mem::take(&mut self.windows).into_windows();
+        let (current, cancelled) = self.windows.take_windows();
         if let Some(window) = current {
             self.complete(window, failure);
         }
@@ -276,24 +330,15 @@ impl Reader {
     }
 
     fn read_until_dropped(&mut self) -> Result<(), CaptureError> {
-        let host = self.host;
-        let failed = |action| move |source| CaptureError::Socket { host, action, source };
         loop {
             let patience = self.windows.next_crossing_unix_ns().map(time_until);
-            let wakened = self
-                .socket
-                .wait(&self.wake, patience)
-                .map_err(failed("waiting for packets"))?;
-            // The time is read before the socket is emptied: what was stamped before it is then in its file.
+            let wakened = self.source.wait(&self.wake, patience)?;
+            // The time is read before the source is emptied: what was stamped before it is then in its file.
             let now_unix_ns = unix_now_ns();
             if wakened == Wakened::ByOwner && !self.take_boundaries() {
                 return Ok(());
             }
-            while let Some(packet) = self
-                .socket
-                .receive(&mut self.buffer)
-                .map_err(failed("reading packets"))?
-            {
+            while let Some(packet) = self.source.receive(&mut self.buffer)? {
                 let kept = self.buffer.get(..packet.kept_bytes).unwrap_or(&self.buffer);
                 if let Some(window) = self.windows.at(packet.stamp_unix_ns) {
                     window.write(packet.stamp_unix_ns, packet.original_bytes, kept);
@@ -327,18 +372,13 @@ impl Reader {
         match ended {
             Some(window) => self.complete(window, None),
             // Drops of the time without a window are nobody's: reading the counter clears it.
-            None => drop(self.socket.take_drops()),
+            None => drop(self.source.take_drops()),
         }
     }
 
     fn complete(&mut self, window: WindowFile, failure: Option<CaptureError>) {
         let host = self.host;
-        let drops = self.socket.take_drops();
-        let drops = drops.map_err(|source| CaptureError::Socket {
-            host,
-            action: "counting what was dropped",
-            source,
-        });
+        let drops = self.source.take_drops();
         let file = window.path().to_owned();
         let written = window.complete();
         let outcome = match (failure, written, drops) {
@@ -347,6 +387,7 @@ impl Reader {
                 host,
                 packets,
                 dropped,
+                tool: self.source.tool(),
             }),
         };
         // Nobody may want to know any more.

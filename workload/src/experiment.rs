@@ -25,7 +25,7 @@ mod lateness;
 mod loop_threads;
 mod loops;
 mod master;
-mod message;
+pub mod message;
 mod notice_board;
 mod on_host;
 mod open_window;
@@ -65,6 +65,7 @@ pub use self::{
     recorder::Ending,
     rehearsal::rehearse,
     reporter::Reporter,
+    window_folder::write_whole,
 };
 use crate::{
     capture::Capture,

@@ -240,15 +240,34 @@ pub enum RosMaster {
 pub struct CaptureSettings {
     /// Whether there is a capture at all.
     pub enabled: bool,
+    /// What captures.
+    pub tool: CaptureTool,
     /// Bytes kept of each packet.
     pub snaplen: Bytes,
+    /// Which packets are captured, an expression of pcap-filter(7) such as `tcp`; all when it is left out. tcpdump
+    /// must be installed where the workload runs, since it makes the kernel's program of the expression.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub filter: Option<String>,
+}
+
+/// What captures.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
+#[serde(rename_all = "lowercase")]
+pub enum CaptureTool {
+    /// A packet socket of the workload's own.
+    Builtin,
+    /// tcpdump, as in the paper; it must be installed where the workload runs.
+    Tcpdump,
 }
 
 impl Default for CaptureSettings {
     fn default() -> Self {
         Self {
             enabled: true,
+            tool: CaptureTool::Builtin,
             snaplen: Bytes::new(65_535),
+            filter: None,
         }
     }
 }
@@ -403,6 +422,18 @@ impl Settings {
                 path,
                 "a window would be invalid before it is suspect".into(),
                 "write at least what `suspect` is, or `never`".into(),
+            );
+        }
+        if self
+            .capture
+            .filter
+            .as_ref()
+            .is_some_and(|filter| filter.trim().is_empty())
+        {
+            problem(
+                "capture.filter",
+                "an empty expression names no packets".into(),
+                "leave it out to capture all packets, or write an expression such as `tcp`".into(),
             );
         }
         for (path, value, positive) in [

@@ -16,6 +16,7 @@ use nix::{
 };
 
 use crate::{
+    capture,
     causes::with_causes,
     cgroup, experiment, network, realtime,
     record::{
@@ -89,6 +90,7 @@ pub fn check(settings: &Settings, namespace_root: Result<(), network::NetworkErr
             fix: network.as_ref().err().and_then(network::NetworkError::hint),
         },
         master_check(settings),
+        capture_check(settings),
         priority_check(settings),
         memory_check(settings),
     ];
@@ -111,6 +113,20 @@ fn master_check(settings: &Settings) -> Check {
             .as_ref()
             .err()
             .and_then(|error| error.hint().map(str::to_owned)),
+    }
+}
+
+fn capture_check(settings: &Settings) -> Check {
+    let found = match settings.capture.enabled {
+        true => capture::survey(&settings.capture),
+        false => Ok(()),
+    };
+    Check {
+        name: "capture".into(),
+        required: true,
+        available: found.is_ok(),
+        reason: found.as_ref().err().map(|error| with_causes(error)),
+        fix: found.as_ref().err().and_then(capture::CaptureError::hint),
     }
 }
 

@@ -394,8 +394,8 @@ fn capture(network: &dyn Network, host: VirtualHost, snaplen: u64) -> Capture {
         network,
         host,
         &CaptureSettings {
-            enabled: true,
             snaplen,
+            ..CaptureSettings::default()
         },
     )
     .unwrap()

@@ -317,6 +317,7 @@ pub fn file_record(log: &str) -> FileRecord {
         name: "control.csv".to_owned(),
         bytes: log.len() as u64,
         sha256,
+        measured: None,
     }
 }
 

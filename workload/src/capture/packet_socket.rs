@@ -14,16 +14,21 @@ use nix::{
     cmsg_space,
     errno::Errno,
     net::if_::if_nametoindex,
-    poll::{PollFd, PollFlags, ppoll},
     sys::{
         eventfd::EventFd,
         socket::{
             AddressFamily, ControlMessageOwned, MsgFlags, SockFlag, SockType, recvmsg, setsockopt, socket,
             sockopt,
         },
-        time::TimeSpec,
     },
 };
+
+use super::{
+    CaptureError,
+    filter::Instruction,
+    packet_source::{Packet, PacketSource, Wakened, wait_for},
+};
+use crate::virtual_host::VirtualHost;
 
 /// Room for packets that wait to be read: what the experiment sends in many seconds, so that a slow disk loses none.
 const RECEIVE_BUFFER_BYTES: usize = 16 << 20;
@@ -31,30 +36,14 @@ const RECEIVE_BUFFER_BYTES: usize = 16 << 20;
 /// `PACKET_STATISTICS` of `linux/if_packet.h`.
 const PACKET_STATISTICS: libc::c_int = 6;
 
-/// Sees all packets of one interface, both directions. It never blocks but in [`PacketSocket::wait`].
+/// Longer than the kernel takes from stamping a packet to queueing it for the socket.
+const LATEST_AFTER_NS: i64 = 10_000_000;
+
+/// Sees all packets of one interface that its filter lets through. It never blocks but in [`PacketSource::wait`].
 #[derive(Debug)]
 pub struct PacketSocket {
+    host: VirtualHost,
     socket: OwnedFd,
-}
-
-/// A packet that was read into a buffer.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub struct Packet {
-    /// The kernel's stamp: wall clock, nanoseconds since 1970.
-    pub stamp_unix_ns: i64,
-    /// Bytes in the buffer.
-    pub kept_bytes: usize,
-    /// Bytes of the whole packet.
-    pub original_bytes: usize,
-}
-
-/// Why a wait ended.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Wakened {
-    /// The eventfd was written.
-    ByOwner,
-    /// Packets have come, or the time is up.
-    ByPacketOrTime,
 }
 
 impl PacketSocket {
@@ -62,8 +51,12 @@ impl PacketSocket {
     ///
     /// # Errors
     /// What failed, and what the kernel said.
-    pub fn open(interface: &str) -> Result<Self, (&'static str, Errno)> {
-        let failed = |action| move |source| (action, source);
+    pub fn open(
+        host: VirtualHost,
+        interface: &str,
+        filter: Option<&[Instruction]>,
+    ) -> Result<Self, CaptureError> {
+        let failed = |action| move |source| CaptureError::Socket { host, action, source };
         // Protocol 0 sees no packet: all options are set before the first one comes.
         let flags = SockFlag::SOCK_CLOEXEC | SockFlag::SOCK_NONBLOCK;
         let socket = socket(AddressFamily::Packet, SockType::Raw, flags, None)
@@ -72,38 +65,20 @@ impl PacketSocket {
         setsockopt(&socket, sockopt::RcvBufForce, &RECEIVE_BUFFER_BYTES)
             .or_else(|_| setsockopt(&socket, sockopt::RcvBuf, &RECEIVE_BUFFER_BYTES))
             .map_err(failed("asking for a large buffer"))?;
+        if let Some(filter) = filter {
+            attach(&socket, filter).map_err(failed("attaching the filter"))?;
+        }
         let index = if_nametoindex(interface).map_err(failed("finding the interface"))?;
         bind_to_all_protocols(&socket, index).map_err(failed("binding the packet socket"))?;
-        Ok(Self { socket })
+        Ok(Self { host, socket })
     }
 
-    /// Sleeps until there is something to read, the eventfd is written, or the time is up.
-    ///
-    /// # Errors
-    /// What the kernel says.
-    pub fn wait(&self, wake: &EventFd, patience: Option<Duration>) -> Result<Wakened, Errno> {
-        let mut fds = [
-            PollFd::new(self.socket.as_fd(), PollFlags::POLLIN),
-            PollFd::new(wake.as_fd(), PollFlags::POLLIN),
-        ];
-        match ppoll(&mut fds, patience.map(TimeSpec::from), None) {
-            Ok(_) => {}
-            Err(Errno::EINTR) => return Ok(Wakened::ByPacketOrTime),
-            Err(error) => return Err(error),
-        }
-        let [_, wake] = fds;
-        Ok(if wake.any().unwrap_or(false) {
-            Wakened::ByOwner
-        } else {
-            Wakened::ByPacketOrTime
-        })
+    fn failed(&self, action: &'static str) -> impl FnOnce(Errno) -> CaptureError + use<> {
+        let host = self.host;
+        move |source| CaptureError::Socket { host, action, source }
     }
 
-    /// Reads the next packet into the buffer, as much of it as there is room for; nothing if none waits.
-    ///
-    /// # Errors
-    /// What the kernel says.
-    pub fn receive(&self, buffer: &mut [u8]) -> Result<Option<Packet>, Errno> {
+    fn receive_one(&self, buffer: &mut [u8]) -> Result<Option<Packet>, Errno> {
         let room = buffer.len();
         let mut control = cmsg_space!(libc::timespec);
         let mut parts = [IoSliceMut::new(buffer)];
@@ -127,11 +102,8 @@ impl PacketSocket {
         }))
     }
 
-    /// How many packets found no room in the buffer since the last call.
-    ///
-    /// # Errors
-    /// What the kernel says.
-    pub fn take_drops(&self) -> Result<u64, Errno> {
+    /// Packets that found no room in the buffer since the last call.
+    fn dropped(&self) -> Result<u64, Errno> {
         // struct tpacket_stats: packets seen, packets dropped.
         let mut statistics = [0_u32; 2];
         let mut length = size_of_val(&statistics) as libc::socklen_t;
@@ -149,6 +121,56 @@ impl PacketSocket {
         let [_, dropped] = statistics;
         Ok(dropped.into())
     }
+}
+
+impl PacketSource for PacketSocket {
+    fn wait(&self, wake: &EventFd, patience: Option<Duration>) -> Result<Wakened, CaptureError> {
+        wait_for(self.socket.as_fd(), wake, patience).map_err(self.failed("waiting for packets"))
+    }
+
+    fn receive(&mut self, buffer: &mut [u8]) -> Result<Option<Packet>, CaptureError> {
+        self.receive_one(buffer).map_err(self.failed("reading packets"))
+    }
+
+    fn take_drops(&mut self) -> Result<u64, CaptureError> {
+        self.dropped().map_err(self.failed("counting what was dropped"))
+    }
+
+    fn latest_after_ns(&self) -> i64 {
+        LATEST_AFTER_NS
+    }
+
+    fn tool(&self) -> String {
+        "builtin".to_owned()
+    }
+}
+
+/// `SO_ATTACH_FILTER` of socket(7).
+fn attach(socket: &OwnedFd, filter: &[Instruction]) -> Result<(), Errno> {
+    let mut filter: Vec<libc::sock_filter> = filter
+        .iter()
+        .map(|instruction| libc::sock_filter {
+            code: instruction.code,
+            jt: instruction.jump_if,
+            jf: instruction.jump_if_not,
+            k: instruction.operand,
+        })
+        .collect();
+    let program = libc::sock_fprog {
+        len: u16::try_from(filter.len()).map_err(|_| Errno::EINVAL)?,
+        filter: filter.as_mut_ptr(),
+    };
+    // SAFETY: the program and its instructions live until the call returns, in which the kernel copies them.
+    let outcome = unsafe {
+        libc::setsockopt(
+            socket.as_raw_fd(),
+            libc::SOL_SOCKET,
+            libc::SO_ATTACH_FILTER,
+            (&raw const program).cast(),
+            size_of_val(&program) as libc::socklen_t,
+        )
+    };
+    Errno::result(outcome).map(drop)
 }
 
 fn bind_to_all_protocols(socket: &OwnedFd, interface_index: u32) -> Result<(), Errno> {

@@ -3,10 +3,6 @@
 
 use std::{collections::VecDeque, mem};
 
-/// How long after a boundary its window is completed: longer than the kernel takes from stamping a packet to queueing
-/// it for the socket, so that no packet of the window before comes after its end.
-const GRACE_NS: i64 = 10_000_000;
-
 /// Where one window ends and the next one begins, if there is a next one.
 #[derive(Debug, PartialEq, Eq)]
 pub struct Boundary<Window> {
@@ -19,20 +15,23 @@ pub struct Boundary<Window> {
 /// The window under way and the boundaries to come.
 #[derive(Debug)]
 pub struct WindowSequence<Window> {
+    /// How long after a boundary its window is completed: no packet comes later than this after its stamp, so that none
+    /// of the window before comes after its end.
+    grace_ns: i64,
     current: Option<Window>,
     boundaries: VecDeque<Boundary<Window>>,
 }
 
-impl<Window> Default for WindowSequence<Window> {
-    fn default() -> Self {
+impl<Window> WindowSequence<Window> {
+    /// Without a window, of packets that come no later than this after their stamp.
+    pub fn with_grace(grace_ns: i64) -> Self {
         Self {
+            grace_ns,
             current: None,
             boundaries: VecDeque::new(),
         }
     }
-}
 
-impl<Window> WindowSequence<Window> {
     /// Adds a boundary. Boundaries to come at or after its time are cancelled, and the windows that would have begun
     /// there returned.
     pub fn announce(&mut self, boundary: Boundary<Window>) -> Vec<Window> {
@@ -68,7 +67,7 @@ impl<Window> WindowSequence<Window> {
     pub fn next_crossing_unix_ns(&self) -> Option<i64> {
         self.boundaries
             .front()
-            .map(|boundary| boundary.at_unix_ns.saturating_add(GRACE_NS))
+            .map(|boundary| boundary.at_unix_ns.saturating_add(self.grace_ns))
     }
 
     /// Crosses the next boundary, if it is time, and returns the window that ended there, if there was one.
@@ -81,13 +80,11 @@ impl<Window> WindowSequence<Window> {
 
     /// The window under way, and those that have not begun.
     #[must_use]
-    pub fn into_windows(self) -> (Option<Window>, Vec<Window>) {
+    pub fn take_windows(&mut self) -> (Option<Window>, Vec<Window>) {
+        let to_come = self.boundaries.drain(..);
         (
-            self.current,
-            self.boundaries
-                .into_iter()
-                .filter_map(|boundary| boundary.next)
-                .collect(),
+            self.current.take(),
+            to_come.filter_map(|boundary| boundary.next).collect(),
         )
     }
 }
@@ -97,6 +94,7 @@ mod tests {
     use super::*;
 
     const SECOND: i64 = 1_000_000_000;
+    const GRACE_NS: i64 = 10_000_000;
 
     fn begin(name: &'static str, second: i64) -> Boundary<&'static str> {
         Boundary {
@@ -115,7 +113,7 @@ mod tests {
     fn sequence(
         boundaries: impl IntoIterator<Item = Boundary<&'static str>>,
     ) -> WindowSequence<&'static str> {
-        let mut sequence = WindowSequence::default();
+        let mut sequence = WindowSequence::with_grace(GRACE_NS);
         for boundary in boundaries {
             assert_eq!(sequence.announce(boundary), Vec::<&str>::new());
         }
@@ -146,7 +144,7 @@ mod tests {
         assert_eq!(sequence.cross(20 * SECOND + GRACE_NS - 1), None);
         assert_eq!(sequence.cross(20 * SECOND + GRACE_NS), Some(Some("first")));
         assert_eq!(sequence.cross(i64::MAX), None);
-        assert_eq!(sequence.into_windows(), (Some("second"), vec![]));
+        assert_eq!(sequence.take_windows(), (Some("second"), vec![]));
     }
 
     #[test]

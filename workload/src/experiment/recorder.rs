@@ -30,7 +30,7 @@ use crate::{
     capture::Capture,
     causes::with_causes,
     network::Network,
-    realtime::{monotonic_ns, priority::step_back, sleep_until},
+    realtime::{monotonic_ns, priority::step_back, sleep_until, unix_ns},
     record::{control_log::ControlRow, progress::Progress},
     virtual_host::VirtualHost,
 };
@@ -106,7 +106,7 @@ struct Health {
 }
 
 impl<'a> Recorder<'a> {
-    /// Opens the first window; the captures begin it at the experiment's zero.
+    /// Opens the first window; the captures begin it at once.
     ///
     /// # Errors
     /// If its folder or a file cannot be created.
@@ -300,7 +300,11 @@ impl<'a> Recorder<'a> {
             return Ok(());
         };
         let folder = WindowFolder::create(self.data, *number)?;
-        let starts_unix_ns = self.boundary_ns(self.next_position) + unix_offset_ns();
+        // The plant's first state is sent before the first control step: the first window's captures have it too.
+        let starts_unix_ns = match self.next_position {
+            0 => unix_ns(),
+            position => self.boundary_ns(position) + unix_offset_ns(),
+        };
         for (host, capture) in &self.sources.captures {
             capture.begin_window(folder.capture(*host), starts_unix_ns)?;
         }

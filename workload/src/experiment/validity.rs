@@ -284,6 +284,7 @@ mod tests {
                 host: VirtualHost::Sta1,
                 packets: 996,
                 dropped: 0,
+                tool: "builtin".into(),
             }],
             network_seed: None,
             links: Vec::new(),

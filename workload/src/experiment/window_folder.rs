@@ -109,6 +109,7 @@ fn file_record(path: &Path, name: String) -> io::Result<FileRecord> {
         name,
         bytes,
         sha256: format!("{:x}", hash.finalize()),
+        measured: None,
     })
 }
 

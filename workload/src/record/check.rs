@@ -18,7 +18,7 @@ pub struct CheckRecord {
 /// One thing that the experiment needs or would like.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Check {
-    /// Its name: `network`, `ros-master`, `realtime-priority`, `memory-lock`.
+    /// Its name: `network`, `ros-master`, `capture`, `realtime-priority`, `memory-lock`.
     pub name: String,
     /// Whether the experiment cannot run without it. What is not required and missing is recorded with the results.
     pub required: bool,

@@ -161,6 +161,14 @@ pub struct CaptureRecord {
     pub packets: u64,
     /// Packets that the kernel dropped before they could be read.
     pub dropped: u64,
+    /// What captured: `builtin`, or the first line of `tcpdump --version`.
+    #[serde(default = "builtin")]
+    pub tool: String,
+}
+
+/// What captured before it was on record.
+fn builtin() -> String {
+    "builtin".to_owned()
 }
 
 /// One link's two directions, counted where packets enter and leave the emulator.
@@ -215,4 +223,32 @@ pub struct FileRecord {
     pub bytes: u64,
     /// Its SHA-256, in hexadecimal.
     pub sha256: String,
+    /// What was measured, if the file is that one compressed with zstd, `.zst` behind its name.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub measured: Option<MeasuredFile>,
+}
+
+/// A file as it was before it was compressed.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
+pub struct MeasuredFile {
+    /// Its length.
+    pub bytes: u64,
+    /// Its SHA-256, in hexadecimal.
+    pub sha256: String,
+}
+
+impl FileRecord {
+    /// The file as it was measured.
+    #[must_use]
+    pub fn as_measured(&self) -> Self {
+        match &self.measured {
+            Some(measured) => Self {
+                name: self.name.trim_end_matches(".zst").to_owned(),
+                bytes: measured.bytes,
+                sha256: measured.sha256.clone(),
+                measured: None,
+            },
+            None => self.clone(),
+        }
+    }
 }

@@ -159,7 +159,12 @@ fn describe(folder: &Path, name: String) -> io::Result<FileRecord> {
         // Writing to a String cannot fail.
         let _ = write!(sha256, "{byte:02x}");
     }
-    Ok(FileRecord { name, bytes, sha256 })
+    Ok(FileRecord {
+        name,
+        bytes,
+        sha256,
+        measured: None,
+    })
 }
 
 fn record(fake: &FakeWindow<'_>, rows: &[ControlRow], files: Vec<FileRecord>) -> WindowRecord {
@@ -200,6 +205,7 @@ fn record(fake: &FakeWindow<'_>, rows: &[ControlRow], files: Vec<FileRecord>) ->
                     host,
                     packets: 0,
                     dropped: 0,
+                    tool: "builtin".into(),
                 })
                 .to_vec()
         } else {
