@@ -4,8 +4,8 @@ use clap::{Args, Parser, Subcommand};
 
 use crate::command::{
     check::CheckArguments, clean::CleanArguments, completions::CompletionsArguments, doctor::DoctorArguments,
-    ks::KsArguments, plan::PlanArguments, report::ReportArguments, resume::ResumeArguments,
-    run::RunArguments, status::StatusArguments,
+    ks::KsArguments, messages::MessagesArguments, plan::PlanArguments, report::ReportArguments,
+    resume::ResumeArguments, run::RunArguments, status::StatusArguments,
 };
 
 const AFTER_HELP: &str = "\
@@ -41,6 +41,8 @@ pub enum Command {
     Status(StatusArguments),
     /// Make the tables and figures of a run, into its `report/` folder and on the terminal.
     Report(ReportArguments),
+    /// Make a row for every message from the captures: sent, on the wire, arrived, received, sent again.
+    Messages(MessagesArguments),
     /// Compare two files of numbers, one a line, with the two-sample Kolmogorov-Smirnov test.
     Ks(KsArguments),
     /// List what earlier runs left behind on this machine, then remove it.
@@ -64,6 +66,7 @@ impl Command {
             Self::Resume(arguments) => arguments.output,
             Self::Status(arguments) => arguments.output,
             Self::Report(arguments) => arguments.output,
+            Self::Messages(arguments) => arguments.output,
             Self::Ks(arguments) => arguments.output,
             Self::Clean(arguments) => arguments.output,
             Self::Doctor(arguments) => arguments.output,

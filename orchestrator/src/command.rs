@@ -5,6 +5,7 @@ pub mod clean;
 pub mod completions;
 pub mod doctor;
 pub mod ks;
+pub mod messages;
 pub mod plan;
 pub mod report;
 pub mod resume;
@@ -26,6 +27,7 @@ pub async fn execute(command: &Command) -> Result<Exit, Complaint> {
         Command::Resume(arguments) => resume::execute(arguments).await,
         Command::Status(arguments) => status::execute(arguments),
         Command::Report(arguments) => report::execute(arguments),
+        Command::Messages(arguments) => messages::execute(arguments),
         Command::Ks(arguments) => ks::execute(arguments),
         Command::Clean(arguments) => clean::execute(arguments).await,
         Command::Doctor(arguments) => doctor::execute(arguments).await,

@@ -5,12 +5,15 @@
 //! analyse(&Run, settings) -> Report     pure
 //! Report::markdown, json      pure
 //! write(&Run, &Report)        the run directory's `report/`, and nothing else of it
+//! write_messages(path)        the captures' messages, into `report/messages/`
 //! ```
 
 pub mod comparison;
 pub mod figure;
 pub mod health;
 pub mod ks;
+pub mod messages;
+pub mod packets;
 mod render;
 pub mod report;
 pub mod run;

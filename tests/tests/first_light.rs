@@ -83,6 +83,8 @@ fn native_and_docker_are_measured_and_compared_as_in_the_paper() {
         }
     }
 
+    every_message_of_the_logs_is_in_the_captures(&workplace, directory.to_str().unwrap());
+
     let status = workplace.json(&["status", directory.to_str().unwrap()]);
     assert_eq!(status["finished"], true);
     assert_eq!(find(&status["scenarios"], "c")["state"], "infeasible");
@@ -94,6 +96,36 @@ fn native_and_docker_are_measured_and_compared_as_in_the_paper() {
     );
     assert_eq!(labelled("ps"), "", "no container is left");
     assert_eq!(labelled("volume"), "", "no volume is left");
+}
+
+fn every_message_of_the_logs_is_in_the_captures(workplace: &Workplace, directory: &str) {
+    let messages = workplace.json(&["messages", directory]);
+    let scenarios = messages["scenarios"].as_array().unwrap();
+    assert_eq!(scenarios.len(), 2, "{messages:#}");
+    for scenario in scenarios {
+        assert_eq!(scenario["windows"], serde_json::json!([1, 2, 3, 4]));
+        let [state, command] = [&scenario["topics"][0], &scenario["topics"][1]];
+        for topic in [state, command] {
+            let count = |name: &str| topic[name].as_u64().unwrap();
+            assert_eq!(count("found"), count("logged"), "{messages:#}");
+            // At the end of the last window some are still under way.
+            assert!(
+                count("arrived") >= 1580 && count("arrived") <= count("sent"),
+                "{messages:#}"
+            );
+            // Of 1600, some 32 are lost on their way: fewer than ten once in a million runs.
+            assert!(count("retransmitted") >= 10, "{messages:#}");
+            let mean_ns = topic["one_way"]["mean_ns"].as_f64().unwrap();
+            let min_ns = topic["one_way"]["min_ns"].as_f64().unwrap();
+            assert!(min_ns >= 18e6 && (19e6..60e6).contains(&mean_ns), "{messages:#}");
+        }
+        assert_eq!(command["logged"], 1600, "{messages:#}");
+        let table = std::fs::read_to_string(scenario["files"][0].as_str().unwrap()).unwrap();
+        let sent = state["sent"].as_u64().unwrap() + command["sent"].as_u64().unwrap();
+        assert_eq!(table.lines().count() as u64, 1 + sent, "one line a message");
+        let columnar = std::fs::read(scenario["files"][1].as_str().unwrap()).unwrap();
+        assert!(columnar.starts_with(b"PAR1") && columnar.ends_with(b"PAR1"));
+    }
 }
 
 /// What the engine has with a label of ours.

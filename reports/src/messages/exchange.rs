@@ -1,0 +1,129 @@
+//! All connections between controller and plant, from the packets of their two captures in the order of their stamps.
+//! The main type is [`Exchange`].
+
+use std::{collections::HashMap, net::Ipv4Addr};
+
+use workload::virtual_host::VirtualHost;
+
+use super::{
+    flow::{Delivery, Flow},
+    frames::Topic,
+};
+use crate::packets::{Packet, Segment};
+
+/// How often connections that have gone silent are looked for.
+const SWEEP_EVERY_NS: i64 = 1_000_000_000;
+/// A connection of which nothing is heard for this long is over: TCP itself gives up after some 15 minutes.
+const SILENCE_NS: i64 = 1_000_000_000_000;
+
+/// One direction of one connection.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, PartialOrd, Ord)]
+pub(super) struct Ports {
+    /// Who sends, and so what it may carry.
+    pub topic: Topic,
+    /// The sender's port.
+    pub from: u16,
+    /// The receiver's port.
+    pub to: u16,
+}
+
+impl Ports {
+    fn of(segment: &Segment<'_>) -> Option<Self> {
+        let topic = Topic::ALL
+            .into_iter()
+            .find(|topic| [topic.sender(), topic.receiver()].map(VirtualHost::address) == ends(segment))?;
+        Some(Self {
+            topic,
+            from: segment.source.port(),
+            to: segment.destination.port(),
+        })
+    }
+
+    /// The other direction.
+    fn back(self) -> Self {
+        Self {
+            topic: match self.topic {
+                Topic::State => Topic::Command,
+                Topic::Command => Topic::State,
+            },
+            from: self.to,
+            to: self.from,
+        }
+    }
+}
+
+fn ends(segment: &Segment<'_>) -> [Ipv4Addr; 2] {
+    [*segment.source.ip(), *segment.destination.ip()]
+}
+
+/// What the captures have told so far.
+#[derive(Debug, Default)]
+pub(super) struct Exchange {
+    flows: HashMap<Ports, Flow>,
+    sweep_due_unix_ns: i64,
+}
+
+impl Exchange {
+    /// A packet in the capture of `host`; the packets of both captures come in the order of their stamps.
+    pub fn take(&mut self, host: VirtualHost, packet: &Packet<'_>, out: &mut impl FnMut(Ports, Delivery)) {
+        let now_unix_ns = packet.stamp_unix_ns;
+        if now_unix_ns >= self.sweep_due_unix_ns {
+            self.sweep_due_unix_ns = now_unix_ns + SWEEP_EVERY_NS;
+            self.sweep(now_unix_ns, out);
+        }
+        let Some(segment) = Segment::parse(packet) else {
+            return;
+        };
+        let Some(ports) = Ports::of(&segment) else {
+            return;
+        };
+        if segment.opens
+            && self
+                .flows
+                .get(&ports)
+                .is_some_and(|flow| flow.is_opened_anew_by(&segment))
+        {
+            self.end(ports, out);
+        }
+        if segment.payload_bytes > 0 || segment.opens {
+            let flow = self.flows.entry(ports).or_insert_with(|| Flow::new(ports.topic));
+            if host == ports.topic.sender() {
+                flow.sent(&segment, now_unix_ns);
+            } else {
+                flow.arrived(&segment, now_unix_ns);
+            }
+        }
+        let back = ports.back();
+        if let Some(number) = segment.acknowledged.filter(|_| host == back.topic.sender())
+            && let Some(flow) = self.flows.get_mut(&back)
+        {
+            flow.acknowledge(number, now_unix_ns);
+            flow.retire(now_unix_ns, |delivery| out(back, delivery));
+        }
+    }
+
+    /// Both captures have ended.
+    pub fn finish(mut self, out: &mut impl FnMut(Ports, Delivery)) {
+        let mut ports: Vec<Ports> = self.flows.keys().copied().collect();
+        ports.sort_unstable();
+        for ports in ports {
+            self.end(ports, out);
+        }
+    }
+
+    fn end(&mut self, ports: Ports, out: &mut impl FnMut(Ports, Delivery)) {
+        if let Some(flow) = self.flows.remove(&ports) {
+            flow.finish(|delivery| out(ports, delivery));
+        }
+    }
+
+    fn sweep(&mut self, now_unix_ns: i64, out: &mut impl FnMut(Ports, Delivery)) {
+        self.flows.retain(|ports, flow| {
+            flow.retire(now_unix_ns, |delivery| out(*ports, delivery));
+            !flow.is_silent_since(now_unix_ns - SILENCE_NS)
+        });
+    }
+}
+
+#[cfg(test)]
+mod tests;

@@ -1,0 +1,364 @@
+//! One direction of one TCP connection, seen at its sender and at its receiver: which messages it carried, and what
+//! became of each on the way. The main type is [`Flow`].
+//!
+//! ```text
+//! sender's capture    segments -> content, up to what is acknowledged -> messages
+//!                     segments -> when each byte was first on the wire, what was sent again
+//! receiver's capture  segments -> when each byte had arrived, duplicates, what was overtaken
+//! ```
+//!
+//! A stream is taken as far as the sender saw it acknowledged: by then every byte has passed its capture, whatever order
+//! it came in, or was lost to the capture for good. So memory is that of what is under way (the connection's window),
+//! however long the capture is. Sequence numbers are counted on without wrapping.
+
+use std::collections::VecDeque;
+
+use super::{
+    crossings::{Crossing, Crossings, Passage},
+    frames::{Found, FrameFinder, Label, Topic},
+    spans::Spans,
+};
+use crate::packets::Segment;
+
+/// How long after it was acknowledged a message waits for duplicates: longer than a packet can be under way.
+const LINGER_NS: i64 = 5_000_000_000;
+/// More than this cannot be under way: the largest window that TCP has is 1 GiB, and that of Linux 6 MiB.
+const LARGEST_FLIGHT: u64 = 16 << 20;
+/// How much that is done with is kept in front of the content before it is moved.
+const COMPACT_BYTES: usize = 64 << 10;
+/// The place of the first sequence number that is seen: what comes before it can still be counted.
+const ORIGIN: u64 = 1 << 32;
+
+/// What became of one message.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub(super) struct Delivery {
+    /// What it says of itself.
+    pub label: Label,
+    /// When its last byte was first on the wire at the sender, nanoseconds since 1970.
+    pub wire_out_unix_ns: Option<i64>,
+    /// When all of it had arrived at the receiver.
+    pub wire_in_unix_ns: Option<i64>,
+    /// When all before it had arrived too, so that the receiver could have it.
+    pub in_order_unix_ns: Option<i64>,
+    /// Segments at the sender that carried some of it again.
+    pub retransmissions: u32,
+    /// Segments at the receiver with none of it that had not arrived before.
+    pub duplicates: u32,
+    /// Whether some of it was overtaken by a segment that was sent later.
+    pub reordered: bool,
+}
+
+/// A message that may still see duplicates.
+#[derive(Debug)]
+struct Pending {
+    begin: u64,
+    end: u64,
+    found_unix_ns: i64,
+    /// What has not arrived.
+    missing: Spans,
+    delivery: Delivery,
+}
+
+/// One direction of one connection.
+#[derive(Debug)]
+pub(super) struct Flow {
+    finder: FrameFinder,
+    /// A sequence number near those to come, counted on.
+    near: Option<u64>,
+    /// Sequence number of its SYN, if that was captured.
+    opened: Option<u32>,
+    content: Content,
+    sent: Crossings,
+    arrived: Crossings,
+    acknowledged: Option<u64>,
+    pending: VecDeque<Pending>,
+    /// The latest arrival among the messages that were given out.
+    in_order_unix_ns: i64,
+    /// The last packet's stamp.
+    last_unix_ns: i64,
+}
+
+impl Flow {
+    pub fn new(topic: Topic) -> Self {
+        Self {
+            finder: FrameFinder::new(topic),
+            near: None,
+            opened: None,
+            content: Content::default(),
+            sent: Crossings::default(),
+            arrived: Crossings::default(),
+            acknowledged: None,
+            pending: VecDeque::new(),
+            in_order_unix_ns: i64::MIN,
+            last_unix_ns: i64::MIN,
+        }
+    }
+
+    /// Whether a segment opens another connection than this one, with the same ports.
+    pub fn is_opened_anew_by(&self, segment: &Segment<'_>) -> bool {
+        segment.opens && self.near.is_some() && self.opened != Some(segment.sequence)
+    }
+
+    /// Whether nothing has come for so long that nothing is going to.
+    pub fn is_silent_since(&self, unix_ns: i64) -> bool {
+        self.last_unix_ns < unix_ns && self.pending.is_empty()
+    }
+
+    /// A segment passes the sender's capture.
+    pub fn sent(&mut self, segment: &Segment<'_>, at_unix_ns: i64) {
+        let Some((begin, end)) = self.place(segment, at_unix_ns) else {
+            return;
+        };
+        let crossing = self.sent.add(begin, end, at_unix_ns, segment.sent_clock);
+        if self.content.has_begun() && end > self.content.begin + LARGEST_FLIGHT {
+            // Its acknowledgements are not in the capture.
+            self.settle(end - LARGEST_FLIGHT / 2, at_unix_ns);
+        }
+        let may_begin_here = self.acknowledged.is_none_or(|acknowledged| begin >= acknowledged);
+        self.content.keep(begin, segment.payload, may_begin_here);
+        for pending in overlapping(&mut self.pending, &crossing) {
+            pending.delivery.retransmissions += 1;
+        }
+    }
+
+    /// A segment passes the receiver's capture.
+    pub fn arrived(&mut self, segment: &Segment<'_>, at_unix_ns: i64) {
+        let Some((begin, end)) = self.place(segment, at_unix_ns) else {
+            return;
+        };
+        let crossing = self.arrived.add(begin, end, at_unix_ns, segment.sent_clock);
+        for pending in overlapping(&mut self.pending, &crossing) {
+            pending.arrive(&crossing);
+        }
+    }
+
+    /// The sender's capture sees how far the receiver has got.
+    pub fn acknowledge(&mut self, number: u32, at_unix_ns: i64) {
+        // Before any data there is nothing to be counted on from.
+        let Some(near) = self.near else { return };
+        let acknowledged = count_on(near, number);
+        if self.acknowledged.is_none_or(|before| acknowledged > before) {
+            self.acknowledged = Some(acknowledged);
+            self.settle(acknowledged, at_unix_ns);
+        }
+    }
+
+    /// Gives out the messages that no duplicate can come of any more.
+    pub fn retire(&mut self, now_unix_ns: i64, mut out: impl FnMut(Delivery)) {
+        while let Some(front) = self
+            .pending
+            .front()
+            .filter(|front| front.found_unix_ns.saturating_add(LINGER_NS) <= now_unix_ns)
+        {
+            let mut delivery = front.delivery.clone();
+            if let Some(arrived) = delivery.wire_in_unix_ns {
+                self.in_order_unix_ns = self.in_order_unix_ns.max(arrived);
+                delivery.in_order_unix_ns = Some(self.in_order_unix_ns);
+            }
+            self.pending.pop_front();
+            out(delivery);
+        }
+    }
+
+    /// Gives out all that is left: the captures end here.
+    pub fn finish(mut self, out: impl FnMut(Delivery)) {
+        if let Some(furthest) = self.sent.furthest() {
+            self.settle(furthest, self.last_unix_ns);
+        }
+        self.retire(i64::MAX, out);
+    }
+
+    /// The memory that is held for what is under way.
+    #[cfg(test)]
+    pub fn kept_bytes(&self) -> usize {
+        self.content.bytes.len() + self.pending.len() * size_of::<Pending>()
+    }
+
+    /// Where a segment's payload is in the stream; none if it has none.
+    fn place(&mut self, segment: &Segment<'_>, at_unix_ns: i64) -> Option<(u64, u64)> {
+        self.last_unix_ns = at_unix_ns;
+        let sequence = match self.near {
+            Some(near) => count_on(near, segment.sequence),
+            None => ORIGIN + u64::from(segment.sequence),
+        };
+        let begin = sequence + u64::from(segment.opens);
+        if segment.opens {
+            self.opened = Some(segment.sequence);
+        } else if segment.payload_bytes == 0 && self.near.is_none() {
+            return None;
+        }
+        self.near = Some(self.near.map_or(begin, |near| near.max(begin)));
+        (segment.payload_bytes > 0).then(|| (begin, begin + u64::from(segment.payload_bytes)))
+    }
+
+    /// Takes the stream up to `end`.
+    fn settle(&mut self, end: u64, now_unix_ns: i64) {
+        let Self {
+            finder,
+            content,
+            sent,
+            arrived,
+            pending,
+            ..
+        } = self;
+        content.take(finder, end, |begin, found| {
+            let (begin, end) = (begin + found.begin as u64, begin + found.end as u64);
+            let mut message = Pending {
+                begin,
+                end,
+                found_unix_ns: now_unix_ns,
+                missing: Spans::default(),
+                delivery: Delivery {
+                    label: found.label,
+                    wire_out_unix_ns: None,
+                    wire_in_unix_ns: None,
+                    in_order_unix_ns: None,
+                    retransmissions: 0,
+                    duplicates: 0,
+                    reordered: false,
+                },
+            };
+            message.missing.reset(begin, end);
+            sent.of(begin, end).for_each(|crossing| message.leave(crossing));
+            message.missing.reset(begin, end);
+            arrived
+                .of(begin, end)
+                .for_each(|crossing| message.arrive(crossing));
+            pending.push_back(message);
+        });
+        sent.forget_before(content.begin);
+        arrived.forget_before(content.begin);
+    }
+}
+
+impl Pending {
+    /// A segment with some of it passes the sender's capture, while `missing` is what has not left.
+    fn leave(&mut self, crossing: &Crossing) {
+        let fresh = self
+            .missing
+            .remove(crossing.begin.max(self.begin), crossing.end.min(self.end));
+        let again = crossing.passage_of(self.begin) == Passage::Again;
+        self.delivery.retransmissions += u32::from(!fresh || again);
+        if fresh {
+            self.delivery.wire_out_unix_ns = Some(crossing.at_unix_ns);
+        }
+    }
+
+    /// A segment with some of it passes the receiver's capture.
+    fn arrive(&mut self, crossing: &Crossing) {
+        if !self
+            .missing
+            .remove(crossing.begin.max(self.begin), crossing.end.min(self.end))
+        {
+            self.delivery.duplicates += 1;
+            return;
+        }
+        self.delivery.reordered |= match crossing.passage_of(self.begin) {
+            Passage::InOrder | Passage::Again => false,
+            Passage::Overtaken => true,
+            Passage::Late => self.delivery.retransmissions == 0,
+        };
+        if self.missing.is_empty() {
+            self.delivery.wire_in_unix_ns = Some(crossing.at_unix_ns);
+        }
+    }
+}
+
+/// The messages among these, which are in the stream's order, that a segment has some of.
+fn overlapping<'a>(
+    pending: &'a mut VecDeque<Pending>,
+    crossing: &Crossing,
+) -> impl Iterator<Item = &'a mut Pending> {
+    let Crossing { begin, end, .. } = *crossing;
+    let first = pending.partition_point(|message| message.end <= begin);
+    let after = pending.partition_point(|message| message.begin < end);
+    pending.range_mut(first..after.max(first))
+}
+
+/// The place nearest to `near` that has this sequence number.
+fn count_on(near: u64, sequence: u32) -> u64 {
+    let forward = sequence.wrapping_sub(near as u32).cast_signed();
+    near.saturating_add_signed(forward.into())
+}
+
+/// The bytes of a stream from the first one that is not done with.
+#[derive(Debug, Default)]
+struct Content {
+    /// The place of the first byte; 0, which no byte has, until there is one.
+    begin: u64,
+    /// Its bytes, after `done` bytes that are no longer wanted.
+    bytes: Vec<u8>,
+    done: usize,
+    /// Which of them are there.
+    kept: Spans,
+}
+
+impl Content {
+    /// Whether any byte has been kept.
+    const fn has_begun(&self) -> bool {
+        self.begin > 0
+    }
+
+    /// Keeps what is new of a segment's bytes. The content may begin earlier than it did if nothing in between has been
+    /// acknowledged.
+    fn keep(&mut self, begin: u64, payload: &[u8], may_begin_here: bool) {
+        if !self.has_begun() {
+            self.begin = begin;
+        }
+        if begin < self.begin && may_begin_here && self.begin - begin <= LARGEST_FLIGHT {
+            let earlier = (self.begin - begin) as usize;
+            self.bytes.splice(0..self.done, std::iter::repeat_n(0, earlier));
+            self.done = 0;
+            self.begin = begin;
+        }
+        let known = self.begin.saturating_sub(begin).min(payload.len() as u64);
+        let payload = payload.get(known as usize..).unwrap_or_default();
+        let begin = begin + known;
+        let at = self.done + (begin - self.begin.min(begin)) as usize;
+        if payload.is_empty() {
+            return;
+        }
+        if self.bytes.len() < at + payload.len() {
+            self.bytes.resize(at + payload.len(), 0);
+        }
+        if let Some(place) = self.bytes.get_mut(at..at + payload.len()) {
+            place.copy_from_slice(payload);
+        }
+        self.kept.add(begin, begin + payload.len() as u64);
+    }
+
+    /// Searches what is there before `end`, and passes over what is not. What is found is told with the place of the
+    /// bytes that it was found in.
+    fn take(&mut self, finder: &mut FrameFinder, end: u64, mut found: impl FnMut(u64, Found)) {
+        while self.begin < end {
+            let covered = self.kept.end_from(self.begin).min(end);
+            let bytes = self
+                .bytes
+                .get(self.done..self.done + (covered - self.begin) as usize)
+                .unwrap_or_default();
+            let begin = self.begin;
+            let searched = finder.search(bytes, |message| found(begin, message));
+            if covered == end {
+                self.pass(begin + searched as u64);
+                return;
+            }
+            finder.lose_step();
+            let next = self.kept.begin_after(covered).map_or(end, |next| next.min(end));
+            self.pass(next);
+        }
+    }
+
+    /// What is before `begin` is done with.
+    fn pass(&mut self, begin: u64) {
+        self.kept.remove(0, begin);
+        self.done += (begin - self.begin) as usize;
+        self.begin = begin;
+        if self.done >= self.bytes.len() {
+            self.bytes.clear();
+            self.done = 0;
+        } else if self.done > COMPACT_BYTES {
+            self.bytes.drain(..self.done);
+            self.done = 0;
+        }
+    }
+}

@@ -1,0 +1,232 @@
+//! The messages that a control log knows of, in its order: each row is a command that was sent, and may be the first
+//! that used a state. The main type is [`LoggedMessages`].
+
+use std::{
+    fs::File,
+    path::{Path, PathBuf},
+};
+
+use csv::ByteRecord;
+
+use super::frames::{Label, Topic};
+use crate::run_directory::{ControlLogError, Fault, ReadError};
+
+/// A message in the log.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) struct Logged {
+    pub label: Label,
+    /// When the receiver's application had it, on the experiment's clock; only the controller writes that down.
+    pub received_ns: Option<i64>,
+}
+
+/// One topic's messages of several logs that follow on each other, read as they are asked for.
+#[derive(Debug)]
+pub(super) struct LoggedMessages {
+    topic: Topic,
+    paths: std::vec::IntoIter<PathBuf>,
+    open: Option<OpenLog>,
+    last_state: Label,
+}
+
+#[derive(Debug)]
+struct OpenLog {
+    path: PathBuf,
+    reader: csv::Reader<File>,
+    record: ByteRecord,
+    /// Where the columns are that the topic needs: number, stamp, time of receipt.
+    columns: Vec<(&'static str, usize)>,
+    line: u64,
+}
+
+impl LoggedMessages {
+    /// Of these logs.
+    pub fn new(topic: Topic, paths: Vec<PathBuf>) -> Self {
+        Self {
+            topic,
+            paths: paths.into_iter(),
+            open: None,
+            last_state: Label { seq: 0, stamp_ns: 0 },
+        }
+    }
+
+    /// The next one.
+    ///
+    /// # Errors
+    /// If a log cannot be read.
+    pub fn next(&mut self) -> Result<Option<Logged>, ReadError> {
+        loop {
+            let open = match &mut self.open {
+                Some(open) => open,
+                None => match self.paths.next() {
+                    Some(path) => self.open.insert(OpenLog::new(path, self.topic)?),
+                    None => return Ok(None),
+                },
+            };
+            let Some(numbers) = open.next()? else {
+                self.open = None;
+                continue;
+            };
+            let logged = logged(self.topic, numbers);
+            match self.topic {
+                Topic::Command => return Ok(Some(logged)),
+                // Number 0 is no state; one that was seen before was used again.
+                Topic::State if logged.label.seq == 0 || logged.label == self.last_state => {}
+                Topic::State => {
+                    self.last_state = logged.label;
+                    return Ok(Some(logged));
+                }
+            }
+        }
+    }
+}
+
+/// The columns of a topic, in the order that [`logged`] takes them.
+const fn columns(topic: Topic) -> [&'static str; 3] {
+    match topic {
+        Topic::State => ["state_seq", "state_stamp_ns", "state_received_ns"],
+        Topic::Command => ["step", "actual_ns", "actual_ns"],
+    }
+}
+
+fn logged(topic: Topic, [number, stamp_ns, received_ns]: [i64; 3]) -> Logged {
+    let number = number.unsigned_abs();
+    match topic {
+        Topic::State => Logged {
+            label: Label {
+                seq: number,
+                stamp_ns,
+            },
+            received_ns: Some(received_ns),
+        },
+        // Commands count from 1, steps from 0.
+        Topic::Command => Logged {
+            label: Label {
+                seq: number + 1,
+                stamp_ns,
+            },
+            received_ns: None,
+        },
+    }
+}
+
+impl OpenLog {
+    fn new(path: PathBuf, topic: Topic) -> Result<Self, ReadError> {
+        let file = File::open(&path).map_err(|source| ReadError::Io {
+            path: path.clone(),
+            source,
+        })?;
+        let mut reader = csv::ReaderBuilder::new()
+            .buffer_capacity(1 << 16)
+            .from_reader(file);
+        let header = reader
+            .byte_headers()
+            .map_err(|error| unusable(&path, Fault::Csv(error)))?;
+        let columns = columns(topic)
+            .into_iter()
+            .map(|column| {
+                let at = header
+                    .iter()
+                    .position(|name| name.trim_ascii() == column.as_bytes());
+                at.map(|at| (column, at))
+                    .ok_or_else(|| unusable(&path, Fault::MissingColumn { column }))
+            })
+            .collect::<Result<_, _>>()?;
+        Ok(Self {
+            path,
+            reader,
+            record: ByteRecord::new(),
+            columns,
+            line: 1,
+        })
+    }
+
+    /// The three numbers of the next row.
+    fn next(&mut self) -> Result<Option<[i64; 3]>, ReadError> {
+        let line = self.line + 1;
+        let more = self.reader.read_byte_record(&mut self.record).map_err(|error| {
+            let fault = match error.kind() {
+                csv::ErrorKind::UnequalLengths { .. } => Fault::Cut { line },
+                _ => Fault::Csv(error),
+            };
+            unusable(&self.path, fault)
+        })?;
+        if !more {
+            return Ok(None);
+        }
+        self.line = line;
+        let mut numbers = [0; 3];
+        for (number, (column, at)) in numbers.iter_mut().zip(&self.columns) {
+            let field = self.record.get(*at).unwrap_or_default();
+            let parsed = std::str::from_utf8(field)
+                .ok()
+                .and_then(|text| text.trim().parse().ok());
+            *number = parsed.ok_or_else(|| {
+                let fault = Fault::NotANumber {
+                    line,
+                    column: (*column).to_owned(),
+                    text: field.escape_ascii().to_string(),
+                };
+                unusable(&self.path, fault)
+            })?;
+        }
+        Ok(Some(numbers))
+    }
+}
+
+fn unusable(path: &Path, fault: Fault) -> ReadError {
+    ReadError::ControlLog {
+        path: path.to_owned(),
+        source: ControlLogError {
+            fault,
+            changed: false,
+        },
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn write(folder: &Path, name: &str, rows: &str) -> PathBuf {
+        let path = folder.join(name);
+        let header = "step,actual_ns,state_seq,state_stamp_ns,state_received_ns\n";
+        std::fs::write(&path, format!("{header}{rows}")).unwrap();
+        path
+    }
+
+    fn all(topic: Topic, paths: Vec<PathBuf>) -> Result<Vec<(u64, i64, Option<i64>)>, ReadError> {
+        let mut messages = LoggedMessages::new(topic, paths);
+        let mut found = Vec::new();
+        while let Some(Logged { label, received_ns }) = messages.next()? {
+            found.push((label.seq, label.stamp_ns, received_ns));
+        }
+        Ok(found)
+    }
+
+    #[test]
+    fn each_state_is_logged_once_and_each_command_once_across_windows() {
+        let folder = tempfile::tempdir().unwrap();
+        let first = write(
+            folder.path(),
+            "1",
+            "0,100,0,0,0\n1,200,1,90,115\n2,300,1,90,115\n",
+        );
+        let second = write(folder.path(), "2", "3,400,1,90,115\n4,500,4,370,395\n");
+        let paths = vec![first, second];
+        assert_eq!(
+            all(Topic::State, paths.clone()).unwrap(),
+            [(1, 90, Some(115)), (4, 370, Some(395))]
+        );
+        let commands = [1, 2, 3, 4, 5].map(|seq| (seq, seq as i64 * 100, None));
+        assert_eq!(all(Topic::Command, paths).unwrap(), commands);
+    }
+
+    #[test]
+    fn a_cut_log_is_an_error_with_its_line() {
+        let folder = tempfile::tempdir().unwrap();
+        let cut = write(folder.path(), "1", "0,100,0,0,0\n1,200");
+        let error = all(Topic::Command, vec![cut]).unwrap_err();
+        let cause = std::error::Error::source(&error).unwrap().to_string();
+        assert_eq!(cause, "line 3 is cut short");
+    }
+}

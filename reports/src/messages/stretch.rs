@@ -1,0 +1,162 @@
+//! Windows that follow on each other without a gap in one environment: their captures are one stream, so that a message
+//! that was under way at a boundary is whole. The main type is [`Stretch`].
+
+use std::path::{Path, PathBuf};
+
+use workload::{record::window::WindowRecord, virtual_host::VirtualHost};
+
+use super::frames::Topic;
+use crate::packets::{CaptureFault, CaptureFile, CaptureReadError, Packet};
+
+/// A window whose captures are read.
+#[derive(Debug, Clone, PartialEq)]
+pub(super) struct CapturedWindow {
+    /// Its folder.
+    pub folder: PathBuf,
+    /// What it says of itself.
+    pub record: WindowRecord,
+}
+
+impl CapturedWindow {
+    /// Its control log.
+    pub fn log(&self) -> PathBuf {
+        self.folder.join("control.csv")
+    }
+
+    /// Whether its captures are there to be read.
+    pub fn is_captured(&self) -> bool {
+        Topic::ALL
+            .into_iter()
+            .all(|topic| self.capture_of(topic.sender()).is_some())
+    }
+
+    /// The capture of a host.
+    fn capture_of(&self, host: VirtualHost) -> Option<(PathBuf, u64)> {
+        let names = [format!("{host}.pcap"), format!("{host}.pcap.zst")];
+        let file = self.record.files.iter().find(|file| names.contains(&file.name))?;
+        Some((self.folder.join(&file.name), file.bytes))
+    }
+}
+
+/// Windows without a gap.
+#[derive(Debug, Clone, PartialEq)]
+pub(super) struct Stretch {
+    pub windows: Vec<CapturedWindow>,
+}
+
+impl Stretch {
+    /// Cuts windows, in the order of their numbers, where one does not follow on the one before.
+    pub fn cut(windows: impl IntoIterator<Item = CapturedWindow>) -> Vec<Self> {
+        let mut stretches: Vec<Self> = Vec::new();
+        for window in windows {
+            let goes_on = |stretch: &&mut Self| {
+                stretch.windows.last().is_some_and(|last| {
+                    !window.record.starts_run
+                        && last.record.environment == window.record.environment
+                        && last.record.ended_ns == window.record.started_ns
+                })
+            };
+            match stretches.last_mut().filter(goes_on) {
+                Some(stretch) => stretch.windows.push(window),
+                None => stretches.push(Self {
+                    windows: vec![window],
+                }),
+            }
+        }
+        stretches
+    }
+
+    /// The packets of a host.
+    pub fn packets(&self, host: VirtualHost) -> HostPackets {
+        let files: Vec<_> = self
+            .windows
+            .iter()
+            .filter_map(|window| window.capture_of(host))
+            .collect();
+        HostPackets {
+            files: files.into_iter(),
+            open: None,
+        }
+    }
+
+    /// The window that a time on the experiment's clock is in; what is before the first or after the last is theirs.
+    pub fn window_at(&self, ns: i64) -> Option<&CapturedWindow> {
+        let after = self
+            .windows
+            .partition_point(|window| window.record.started_ns <= ns);
+        self.windows.get(after.saturating_sub(1))
+    }
+
+    /// A capture's stamp on the experiment's clock. The wall clock that captures are stamped with may be slewed: within
+    /// a window it is taken to have gone evenly.
+    pub fn on_experiments_clock(&self, unix_ns: i64) -> Option<i64> {
+        let after = self
+            .windows
+            .partition_point(|window| window.record.started_unix_ns <= unix_ns);
+        let record = &self.windows.get(after.saturating_sub(1))?.record;
+        let [began, ended] = [
+            record.started_unix_ns - record.started_ns,
+            record.ended_unix_ns - record.ended_ns,
+        ];
+        let length = (record.ended_unix_ns - record.started_unix_ns).max(1);
+        let share = (unix_ns - record.started_unix_ns) as f64 / length as f64;
+        let slewed = (ended - began) as f64 * share.clamp(0.0, 1.0);
+        Some(unix_ns - began - slewed.round() as i64)
+    }
+}
+
+/// The packets of one host, file after file.
+#[derive(Debug)]
+pub(super) struct HostPackets {
+    files: std::vec::IntoIter<(PathBuf, u64)>,
+    open: Option<CaptureFile>,
+}
+
+impl HostPackets {
+    /// Goes to the next packet; false at the end of the last file.
+    ///
+    /// # Errors
+    /// If a file cannot be read, or is not as long as its record says.
+    pub fn advance(&mut self) -> Result<bool, CaptureReadError> {
+        loop {
+            if let Some(open) = &mut self.open
+                && open.advance()?
+            {
+                return Ok(true);
+            }
+            match self.files.next() {
+                Some((path, bytes)) => {
+                    see_that_it_is_whole(&path, bytes)?;
+                    self.open = Some(CaptureFile::open(&path)?);
+                }
+                None => return Ok(false),
+            }
+        }
+    }
+
+    /// The current packet; none after the last one.
+    pub fn packet(&self) -> Option<Packet<'_>> {
+        self.open.as_ref().and_then(CaptureFile::packet)
+    }
+
+    /// Its stamp; later than all when there is none.
+    pub fn stamp_unix_ns(&self) -> i64 {
+        self.packet().map_or(i64::MAX, |packet| packet.stamp_unix_ns)
+    }
+}
+
+fn see_that_it_is_whole(path: &Path, expected: u64) -> Result<(), CaptureReadError> {
+    let failed = |source| CaptureReadError {
+        path: path.to_owned(),
+        source,
+    };
+    let found = path
+        .metadata()
+        .map_err(|error| failed(CaptureFault::Io(error)))?
+        .len();
+    if found == expected {
+        Ok(())
+    } else {
+        Err(failed(CaptureFault::Changed { expected, found }))
+    }
+}

@@ -1,0 +1,197 @@
+//! The rows of the table of messages, written as they come: CSV and Parquet, by polars, a piece at a time, so that the
+//! memory is that of a piece. The main type is [`MessageTable`].
+
+use std::{
+    fs::{self, File},
+    io::{self, BufWriter},
+    path::{Path, PathBuf},
+};
+
+use polars::{
+    df,
+    error::{PolarsError, PolarsResult},
+    frame::DataFrame,
+    io::{csv::write::BatchedWriter as CsvPieces, parquet::write::BatchedWriter as ParquetPieces},
+    prelude::{CsvWriter, ParquetCompression, ParquetWriter, SerWriter},
+};
+
+use super::{
+    exchange::Ports,
+    frames::{Label, Topic},
+};
+
+/// Rows that are gathered before they are written; also a row group of the Parquet file.
+const PIECE: usize = 1 << 16;
+
+/// One message's way. Times are nanoseconds on the experiment's clock.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub(super) struct MessageRow {
+    /// The window that it was sent in.
+    pub window: u32,
+    /// Its connection, and with it the topic.
+    pub ports: Ports,
+    /// Its number, and when its publisher's step began.
+    pub label: Label,
+    pub wire_out_ns: Option<i64>,
+    pub wire_in_ns: Option<i64>,
+    pub in_order_ns: Option<i64>,
+    pub received_ns: Option<i64>,
+    pub one_way_ns: Option<i64>,
+    pub retransmissions: u32,
+    pub duplicates: u32,
+    pub reordered: bool,
+    pub logged: bool,
+}
+
+/// A table could not be written.
+#[derive(Debug, thiserror::Error)]
+pub enum TableError {
+    /// The operating system refused.
+    #[error("{} cannot be written", path.display())]
+    Io {
+        /// The file or folder.
+        path: PathBuf,
+        /// Why.
+        source: io::Error,
+    },
+    /// polars could not write it.
+    #[error("{} cannot be written", path.display())]
+    Columns {
+        /// The file.
+        path: PathBuf,
+        /// Why.
+        source: PolarsError,
+    },
+}
+
+/// Two files under names that are not theirs until they are whole.
+pub(super) struct MessageTable {
+    csv: Unfinished,
+    parquet: Unfinished,
+    to_csv: CsvPieces<BufWriter<File>>,
+    to_parquet: ParquetPieces<BufWriter<File>>,
+    rows: Vec<MessageRow>,
+}
+
+/// A file that becomes another one when it is whole, and is removed if it never is.
+struct Unfinished {
+    path: PathBuf,
+    beside: PathBuf,
+}
+
+impl MessageTable {
+    /// Begins `<stem>.csv` and `<stem>.parquet` in a folder, which is made if it is not there.
+    pub fn create(folder: &Path, stem: &str) -> Result<Self, TableError> {
+        fs::create_dir_all(folder).map_err(|source| TableError::Io {
+            path: folder.to_owned(),
+            source,
+        })?;
+        let (csv, csv_file) = Unfinished::create(folder.join(format!("{stem}.csv")))?;
+        let (parquet, parquet_file) = Unfinished::create(folder.join(format!("{stem}.parquet")))?;
+        let schema = frame(&[]).map_err(csv.failed())?.schema().clone();
+        let to_csv = CsvWriter::new(csv_file).batched(&schema).map_err(csv.failed())?;
+        // Some 100 bytes a message: worth compressing, in a way that every reader knows.
+        let to_parquet = ParquetWriter::new(parquet_file)
+            .with_compression(ParquetCompression::Zstd(None))
+            .batched(&schema)
+            .map_err(parquet.failed())?;
+        Ok(Self {
+            csv,
+            parquet,
+            to_csv,
+            to_parquet,
+            rows: Vec::with_capacity(PIECE),
+        })
+    }
+
+    /// Adds a row.
+    pub fn push(&mut self, row: MessageRow) -> Result<(), TableError> {
+        self.rows.push(row);
+        if self.rows.len() == PIECE {
+            self.write_piece()?;
+        }
+        Ok(())
+    }
+
+    /// Completes both files, and says where they are.
+    pub fn finish(mut self) -> Result<[PathBuf; 2], TableError> {
+        self.write_piece()?;
+        let Self {
+            csv,
+            parquet,
+            mut to_csv,
+            to_parquet,
+            ..
+        } = self;
+        to_csv.finish().map_err(csv.failed())?;
+        to_parquet.finish().map_err(parquet.failed())?;
+        // What is still buffered is written when the writers go.
+        drop((to_csv, to_parquet));
+        Ok([csv.finish()?, parquet.finish()?])
+    }
+
+    fn write_piece(&mut self) -> Result<(), TableError> {
+        if self.rows.is_empty() {
+            return Ok(());
+        }
+        let frame = frame(&self.rows).map_err(self.csv.failed())?;
+        self.rows.clear();
+        self.to_csv.write_batch(&frame).map_err(self.csv.failed())?;
+        self.to_parquet.write_batch(&frame).map_err(self.parquet.failed())
+    }
+}
+
+impl Unfinished {
+    fn create(path: PathBuf) -> Result<(Self, BufWriter<File>), TableError> {
+        let mut beside = path.clone().into_os_string();
+        beside.push(".new");
+        let beside = PathBuf::from(beside);
+        match File::create(&beside) {
+            Ok(file) => Ok((Self { path, beside }, BufWriter::new(file))),
+            Err(source) => Err(TableError::Io { path: beside, source }),
+        }
+    }
+
+    fn failed(&self) -> impl FnOnce(PolarsError) -> TableError + use<> {
+        let path = self.path.clone();
+        |source| TableError::Columns { path, source }
+    }
+
+    fn finish(self) -> Result<PathBuf, TableError> {
+        let path = self.path.clone();
+        match fs::rename(&self.beside, &path) {
+            Ok(()) => Ok(path),
+            Err(source) => Err(TableError::Io { path, source }),
+        }
+    }
+}
+
+impl Drop for Unfinished {
+    fn drop(&mut self) {
+        // Nothing is there any more if it was finished.
+        let _ = fs::remove_file(&self.beside);
+    }
+}
+
+fn frame(rows: &[MessageRow]) -> PolarsResult<DataFrame> {
+    fn column<'a, T>(rows: &'a [MessageRow], of: impl Fn(&'a MessageRow) -> T) -> Vec<T> {
+        rows.iter().map(of).collect()
+    }
+    df![
+        "window" => column(rows, |row| row.window),
+        "topic" => column(rows, |row| Topic::name(row.ports.topic)),
+        "sender_port" => column(rows, |row| u32::from(row.ports.from)),
+        "receiver_port" => column(rows, |row| u32::from(row.ports.to)),
+        "seq" => column(rows, |row| row.label.seq),
+        "sent_ns" => column(rows, |row| row.label.stamp_ns),
+        "wire_out_ns" => column(rows, |row| row.wire_out_ns),
+        "wire_in_ns" => column(rows, |row| row.wire_in_ns),
+        "in_order_ns" => column(rows, |row| row.in_order_ns),
+        "received_ns" => column(rows, |row| row.received_ns),
+        "one_way_ns" => column(rows, |row| row.one_way_ns),
+        "retransmissions" => column(rows, |row| row.retransmissions),
+        "duplicates" => column(rows, |row| row.duplicates),
+        "reordered" => column(rows, |row| row.reordered),
+        "logged" => column(rows, |row| row.logged),
+    ]
+}
