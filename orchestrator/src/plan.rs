@@ -114,7 +114,8 @@ fn scenarios(
     let named = std::iter::zip(combinations, slugs).enumerate();
     named
         .map(|(index, (combination, slug))| {
-            let placement = place(combination, offers);
+            let settings = settings(file, combination, found);
+            let placement = place(combination, settings.network.backend, offers);
             // Of two reasons the excluding one counts: it holds whatever the host can do.
             let (reason, fix) = match (&combination.excluded, placement.obstacle) {
                 (Some(reason), _) => (Some(reason.clone()), None),
@@ -133,7 +134,7 @@ fn scenarios(
                 reason,
                 fix,
                 not_selected: None,
-                settings: settings(file, combination, found),
+                settings,
             }
         })
         .collect()

@@ -28,7 +28,11 @@ use std::{
 use async_trait::async_trait;
 use reports::run_directory::Resource;
 use serde_json::{Map, Value};
-use workload::{causes::with_causes, record::progress::Progress, settings::Settings};
+use workload::{
+    causes::with_causes,
+    record::progress::Progress,
+    settings::{NetworkBackend, Settings},
+};
 
 use crate::state_directory::StateDirectory;
 
@@ -109,8 +113,15 @@ pub trait Provider: Send + Sync {
     /// The name under which the journal knows it.
     fn name(&self) -> &'static str;
 
-    /// Whether it can work here. Creates nothing.
+    /// Whether it can work here, whatever the network. Creates nothing.
     async fn survey(&self) -> Availability;
+
+    /// Whether its environments can have such a network; none where that is not known before there is one. Creates
+    /// nothing that outlives the call.
+    async fn survey_network(&self, backend: NetworkBackend) -> Option<Availability> {
+        let _ = backend;
+        None
+    }
 
     /// All that [`Self::create`] will create, journaled before it does.
     fn resources(&self, request: &EnvironmentRequest) -> Vec<Resource>;

@@ -1,14 +1,14 @@
 //! What the hosts of a matrix can do, asked before anything is planned, so that a plan itself reads no host and no
 //! clock. The main function is [`survey`].
 
-use std::collections::BTreeMap;
+use std::{collections::BTreeMap, sync::Arc};
 
-use workload::record::platform::RealtimeGrant;
+use workload::{record::platform::RealtimeGrant, settings::NetworkBackend};
 
 use crate::{
     matrix_file::{Connection, MatrixFile},
     plan::HostFacts,
-    provider::{self, Availability, Roster},
+    provider::{self, Availability, Provider, Roster},
 };
 
 /// Asks every host of the matrix that can be asked for what the matrix names. One over SSH cannot yet: it is not in the
@@ -34,26 +34,37 @@ pub async fn survey(file: &MatrixFile, roster: &Roster) -> BTreeMap<String, Host
 /// What this machine is and what those of its providers say.
 pub async fn this_machine(host: &str, asked: &[&str], roster: &Roster) -> HostFacts {
     let platform = workload::survey::platform(RealtimeGrant::default());
-    HostFacts {
+    let mut facts = HostFacts {
         hardware: platform.machine,
         os: platform.os,
-        providers: providers(host, asked, roster).await,
-    }
-}
-
-/// Asks the providers all at once: each answer is a process or a connection away.
-async fn providers(host: &str, asked: &[&str], roster: &Roster) -> BTreeMap<String, Availability> {
+        ..HostFacts::default()
+    };
+    // All providers at once: each answer is a process or a connection away.
     let mut asking = Vec::new();
     for name in asked {
         if let Ok(provider) = roster.provider(name, host) {
-            asking.push((*name, tokio::spawn(async move { provider.survey().await })));
+            asking.push((*name, tokio::spawn(ask(provider))));
         }
     }
-    let mut answers = BTreeMap::new();
     for (name, answer) in asking {
-        if let Ok(answer) = answer.await {
-            answers.insert(name.to_owned(), answer);
+        if let Ok((availability, networks)) = answer.await {
+            facts.providers.insert(name.to_owned(), availability);
+            facts.networks.insert(name.to_owned(), networks);
         }
     }
-    answers
+    facts
+}
+
+/// What a provider says, also of the networks if it can work at all.
+async fn ask(provider: Arc<dyn Provider>) -> (Availability, BTreeMap<NetworkBackend, Availability>) {
+    let availability = provider.survey().await;
+    let mut networks = BTreeMap::new();
+    if matches!(availability, Availability::Available { .. }) {
+        for backend in NetworkBackend::ALL {
+            if let Some(answer) = provider.survey_network(backend).await {
+                networks.insert(backend, answer);
+            }
+        }
+    }
+    (availability, networks)
 }

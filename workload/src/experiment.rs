@@ -127,6 +127,7 @@ pub fn run(
     if settings.network.impaired_from == ImpairedFrom::Connection {
         network.impair()?;
     }
+    keep_transcript(request, network.as_ref())?;
     reporter.say(&Progress::Connected);
     let (nodes, plant, controller) = connection.into_ends();
     let (threads, queues, mut grant) = LoopThreads::start(settings, plant, controller)?;
@@ -151,9 +152,12 @@ pub fn run(
     }
     let joined = threads.join();
     nodes.close();
+    // Again, with what went through the links.
+    let kept = keep_transcript(request, network.as_ref());
     let watched = watch.finish();
     let ending = outcome?;
     joined?;
+    kept?;
     let changes = watched?;
     if !changes.is_empty() {
         reporter.say(&Progress::PlatformChanged { changes });
@@ -177,6 +181,15 @@ fn start_captures(
     hosts
         .map(|host| Ok((host, Capture::start(network, host, &settings.capture)?)))
         .collect()
+}
+
+/// Writes `network.txt`, if there is something to tell.
+fn keep_transcript(request: &Request, network: &dyn Network) -> Result<(), ExperimentError> {
+    let Some(transcript) = network.transcript() else {
+        return Ok(());
+    };
+    let path = request.data.join("network.txt");
+    std::fs::write(&path, transcript).map_err(|source| ExperimentError::Write { path, source })
 }
 
 /// Chooses the experiment's zero, begins the loops and records them to their end.

@@ -6,6 +6,7 @@
 mod device;
 mod emulator;
 mod ipv6;
+mod kernel;
 pub mod link;
 mod namespace;
 pub mod release_lateness;
@@ -19,7 +20,7 @@ use nix::errno::Errno;
 
 pub use self::namespace::become_namespace_root;
 pub(crate) use self::namespace::errno;
-use self::{release_lateness::ReleaseCounts, userspace::Userspace};
+use self::{kernel::Kernel, release_lateness::ReleaseCounts, userspace::Userspace};
 use crate::{
     record::window::LinkRecord,
     settings::{NetworkBackend, NetworkSettings},
@@ -53,6 +54,12 @@ pub trait Network: Send + Sync {
 
     /// How late packets were let go since the network came up; nothing where that is the kernel's doing.
     fn release_lateness(&self) -> Option<ReleaseCounts> {
+        None
+    }
+
+    /// What was done to the platform to have the network and what the platform says of it now, for a person to read:
+    /// `network.txt`. None where nothing outside this process was asked for anything.
+    fn transcript(&self) -> Option<String> {
         None
     }
 
@@ -96,6 +103,36 @@ pub enum NetworkError {
         action: &'static str,
         /// What the kernel said.
         source: Errno,
+    },
+    /// A program that sets networks up is not there.
+    #[error("{program} is not installed")]
+    Tool {
+        /// Its name.
+        program: &'static str,
+    },
+    /// A program that sets networks up could not be started.
+    #[error("{program} could not be started")]
+    Start {
+        /// Its name.
+        program: &'static str,
+        /// What the kernel said.
+        source: Errno,
+    },
+    /// The kernel has not got a part of the network.
+    #[error("{part} is not in this kernel")]
+    KernelLacks {
+        /// What it lacks, such as `netem`.
+        part: &'static str,
+        /// The module that would have it.
+        module: &'static str,
+    },
+    /// A program that sets networks up failed.
+    #[error("`{command}` failed: {said}")]
+    Command {
+        /// The program and its arguments.
+        command: String,
+        /// What it printed.
+        said: String,
     },
     /// A thread of the network could not be started.
     #[error("a thread of the network could not be started")]
@@ -148,10 +185,28 @@ impl NetworkError {
             Self::Interface {
                 source: Errno::EPERM, ..
             } => "in a container, add the capability NET_ADMIN",
-            Self::Thread { .. } => {
+            Self::Tool { program } => {
+                let package = match *program {
+                    "ethtool" => "ethtool",
+                    _ => "iproute2",
+                };
+                return Some(format!(
+                    "use `backend: userspace`, or install it (`apt-get install {package}`); in a container, name an \
+                     `image:` that has it"
+                ));
+            }
+            Self::KernelLacks { module, .. } => {
+                return Some(format!(
+                    "use `backend: userspace`, or load {module}: as root `modprobe {module}`"
+                ));
+            }
+            Self::Command { said, .. } if said.contains("not permitted") => {
+                "run as root; in a container, add the capability NET_ADMIN"
+            }
+            Self::Thread { .. } | Self::Start { .. } => {
                 "raise the limit of processes (`ulimit -u`, or the container's `pids` limit)"
             }
-            Self::Interface { .. } | Self::Carrying { .. } => return None,
+            Self::Interface { .. } | Self::Command { .. } | Self::Carrying { .. } => return None,
         };
         Some(hint.to_owned())
     }
@@ -164,9 +219,12 @@ impl NetworkError {
 /// # Errors
 /// If the platform does not offer what it needs.
 pub fn open(settings: &NetworkSettings, emulator_priority: u8) -> Result<Box<dyn Network>, NetworkError> {
-    let seed = settings.seed.unwrap_or_else(random_seed);
     match settings.backend {
-        NetworkBackend::Userspace => Ok(Box::new(Userspace::open(settings, seed, emulator_priority)?)),
+        NetworkBackend::Userspace => {
+            let seed = settings.seed.unwrap_or_else(random_seed);
+            Ok(Box::new(Userspace::open(settings, seed, emulator_priority)?))
+        }
+        NetworkBackend::Kernel => Ok(Box::new(Kernel::open(settings)?)),
     }
 }
 
@@ -178,6 +236,7 @@ pub fn open(settings: &NetworkSettings, emulator_priority: u8) -> Result<Box<dyn
 pub fn survey(backend: NetworkBackend) -> Result<(), NetworkError> {
     match backend {
         NetworkBackend::Userspace => userspace::survey(),
+        NetworkBackend::Kernel => kernel::survey(),
     }
 }
 
@@ -200,6 +259,10 @@ mod tests {
         NetworkError::Interface { interface: "h1-eth0".into(), action: "making it", source: Errno::EPERM },
         "NET_ADMIN"
     )]
+    #[case(NetworkError::Command { command: "tc".into(), said: "Operation not permitted".into() }, "NET_ADMIN")]
+    #[case(NetworkError::Tool { program: "tc" }, "apt-get install iproute2")]
+    #[case(NetworkError::KernelLacks { part: "netem", module: "sch_netem" }, "modprobe sch_netem")]
+    #[case(NetworkError::KernelLacks { part: "netem", module: "sch_netem" }, "backend: userspace")]
     fn what_a_user_can_mend_comes_with_its_fix(#[case] error: NetworkError, #[case] fix: &str) {
         assert!(
             error.hint().unwrap().contains(fix),

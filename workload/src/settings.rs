@@ -158,7 +158,9 @@ pub struct NetworkSettings {
     pub limit_packets: u32,
     /// From when on the links are impaired.
     pub impaired_from: ImpairedFrom,
-    /// Seed of the losses and the jitter. When it is left out, each environment draws its own and `window.json` has it.
+    /// What the hosts' interfaces do for TCP, where they are the kernel's.
+    pub offloads: Offloads,
+    /// Seed of the losses and the jitter, of the `userspace` network only. When it is left out, each environment draws its own and `window.json` has it.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub seed: Option<u64>,
 }
@@ -173,6 +175,7 @@ impl Default for NetworkSettings {
             bandwidth: BitRate::from_mbit(10),
             limit_packets: 1000,
             impaired_from: ImpairedFrom::Connection,
+            offloads: Offloads::Mininet,
             seed: None,
         }
     }
@@ -193,12 +196,51 @@ pub enum ImpairedFrom {
 }
 
 /// What carries the packets between the virtual hosts.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize)]
 #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 #[serde(rename_all = "lowercase")]
 pub enum NetworkBackend {
     /// Namespaces with TAP devices, and a switch and link emulator in the workload's own process.
     Userspace,
+    /// Namespaces, veth pairs and a bridge, with HTB and netem as Mininet's `TCLink` sets them. Needs netem in the
+    /// kernel, `ip` and `tc`.
+    Kernel,
+}
+
+impl NetworkBackend {
+    /// All of them.
+    pub const ALL: [Self; 2] = [Self::Userspace, Self::Kernel];
+
+    /// As a matrix file names it.
+    #[must_use]
+    pub const fn name(self) -> &'static str {
+        match self {
+            Self::Userspace => "userspace",
+            Self::Kernel => "kernel",
+        }
+    }
+
+    /// The programs that it needs beside the workload itself.
+    #[must_use]
+    pub const fn programs(self) -> &'static [&'static str] {
+        match self {
+            Self::Userspace => &[],
+            Self::Kernel => &["ip", "tc"],
+        }
+    }
+}
+
+/// What an interface of the kernel does for TCP. The TAP devices of `userspace` never do any of it.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
+#[serde(rename_all = "lowercase")]
+pub enum Offloads {
+    /// As Mininet leaves veth: TCP hands over up to 64 KiB at once, which netem delays and loses as one packet, and
+    /// leaves checksums out, which captures then show.
+    Mininet,
+    /// None (`ethtool -K … tso off gso off gro off tx off`): every packet on a link is one that Ethernet could carry.
+    /// Needs `ethtool`.
+    None,
 }
 
 /// How the nodes talk to each other.
@@ -391,6 +433,13 @@ impl Settings {
                     self.network.jitter, self.network.delay
                 ),
                 format!("write at most `{}`", self.network.delay),
+            );
+        }
+        if self.network.seed.is_some() && self.network.backend != NetworkBackend::Userspace {
+            problem(
+                "network.seed",
+                "netem draws its losses and delays from the kernel and takes no seed".into(),
+                "remove it, or use `backend: userspace`".into(),
             );
         }
         if self.network.limit_packets == 0 {

@@ -3,8 +3,8 @@
 use std::fmt::Write;
 
 use clap::Args;
-use serde_json::json;
-use workload::record::check::Check;
+use serde_json::{Value, json};
+use workload::{record::check::Check, settings::NetworkBackend};
 
 use crate::{
     arguments::OutputArguments,
@@ -35,7 +35,7 @@ pub async fn execute(arguments: &DoctorArguments) -> Result<Exit, Complaint> {
         &Roster::new(ProviderSettings::default()),
     )
     .await;
-    let checks = native::check(&StateDirectory::of_this_user())
+    let checks = native::check(&StateDirectory::of_this_user(), NetworkBackend::Userspace)
         .await
         .map_err(|error| Complaint::new(Exit::Infrastructure, &error, error.hint()))?
         .checks;
@@ -44,17 +44,28 @@ pub async fn execute(arguments: &DoctorArguments) -> Result<Exit, Complaint> {
             "hardware": facts.hardware,
             "os": facts.os,
             "checks": checks,
-            "providers": facts.providers.iter().map(|(name, availability)| match availability {
-                Availability::Available { detail } => json!({"name": name, "available": true, "detail": detail}),
-                Availability::Unavailable { reason, fix } => {
-                    json!({"name": name, "available": false, "reason": reason, "fix": fix})
-                }
+            "providers": facts.providers.iter().map(|(name, availability)| {
+                let mut answer = as_json(name, availability);
+                let networks = facts.networks.get(name).into_iter().flatten();
+                answer["networks"] = networks
+                    .map(|(backend, availability)| as_json(backend.name(), availability))
+                    .collect();
+                answer
             }).collect::<Vec<_>>(),
         }));
     } else {
         terminal::result(&as_text(&facts, &checks));
     }
     Ok(Exit::Done)
+}
+
+fn as_json(name: &str, availability: &Availability) -> Value {
+    match availability {
+        Availability::Available { detail } => json!({"name": name, "available": true, "detail": detail}),
+        Availability::Unavailable { reason, fix } => {
+            json!({"name": name, "available": false, "reason": reason, "fix": fix})
+        }
+    }
 }
 
 fn as_text(facts: &HostFacts, checks: &[Check]) -> String {
@@ -79,14 +90,22 @@ fn as_text(facts: &HostFacts, checks: &[Check]) -> String {
     }
     text.push_str("\nwhere it can run\n");
     for (name, availability) in &facts.providers {
-        match availability {
-            Availability::Available { detail } => item(&mut text, name, "yes", Some(detail), None),
-            Availability::Unavailable { reason, fix } => {
-                item(&mut text, name, "no", Some(reason), fix.as_deref());
-            }
+        place(&mut text, name, availability);
+        for (backend, availability) in facts.networks.get(name).into_iter().flatten() {
+            place(&mut text, &format!("  {} network", backend.name()), availability);
         }
     }
     text
+}
+
+fn place(text: &mut String, name: &str, availability: &Availability) {
+    match availability {
+        Availability::Available { detail } => {
+            let detail = (!detail.is_empty()).then_some(detail.as_str());
+            item(text, name, "yes", detail, None);
+        }
+        Availability::Unavailable { reason, fix } => item(text, name, "no", Some(reason), fix.as_deref()),
+    }
 }
 
 fn item(text: &mut String, name: &str, standing: &str, reason: Option<&str>, fix: Option<&str>) {

@@ -24,6 +24,7 @@ fn told(bytes: &[u8], profile: Option<&str>) -> Diagnostics {
             hardware: "x86_64".to_owned(),
             os: "debian-12".to_owned(),
             providers: ["native", "docker"].map(|name| (name.to_owned(), works())).into(),
+            networks: BTreeMap::new(),
         },
     )]);
     let planned = MatrixFile::parse("matrix.yaml", bytes, profile)

@@ -3,6 +3,7 @@
 use std::collections::BTreeMap;
 
 use serde::{Deserialize, Serialize};
+use workload::settings::NetworkBackend;
 
 use super::expansion::Combination;
 use crate::{
@@ -19,6 +20,8 @@ pub struct HostFacts {
     pub os: String,
     /// For each provider by name, whether it can work there. One that is not in it was not asked.
     pub providers: BTreeMap<String, Availability>,
+    /// For each provider by name, what it says of the networks. One that is not in it is known in the environment only.
+    pub networks: BTreeMap<String, BTreeMap<NetworkBackend, Availability>>,
 }
 
 /// What a host offers: what the matrix file says, completed by what the survey found.
@@ -31,7 +34,7 @@ pub struct Offer {
     /// Its operating system.
     pub os: String,
     connection: Connection,
-    providers: Option<BTreeMap<String, Availability>>,
+    facts: Option<HostFacts>,
 }
 
 impl Offer {
@@ -47,7 +50,7 @@ impl Offer {
             hardware: or_found(&host.hardware, facts.map(|facts| &facts.hardware)),
             os: or_found(&host.os, facts.map(|facts| &facts.os)),
             connection: host.connection.clone(),
-            providers: facts.map(|facts| facts.providers.clone()),
+            facts: facts.cloned(),
         }
     }
 
@@ -61,8 +64,8 @@ impl Offer {
         }
     }
 
-    /// Why it cannot make environments of a kind, if it cannot.
-    fn obstacle(&self, virtualization: &str) -> Option<Obstacle> {
+    /// Why it cannot make environments of a kind with a network, if it cannot.
+    fn obstacle(&self, virtualization: &str, backend: NetworkBackend) -> Option<Obstacle> {
         if let Connection::Ssh(ssh) = &self.connection {
             return Some(Obstacle {
                 reason: format!(
@@ -75,23 +78,20 @@ impl Offer {
                 )),
             });
         }
-        let Some(providers) = &self.providers else {
+        let Some(facts) = &self.facts else {
             return Some(Obstacle {
                 reason: format!("host `{}` was not asked what it can do", self.host),
                 fix: None,
             });
         };
-        match providers.get(virtualization) {
-            Some(Availability::Available { .. }) => None,
-            Some(Availability::Unavailable { reason, fix }) => Some(Obstacle {
-                reason: reason.clone(),
-                fix: fix.clone(),
-            }),
-            None => Some(Obstacle {
+        let Some(availability) = facts.providers.get(virtualization) else {
+            return Some(Obstacle {
                 reason: format!("this version cannot make environments with `{virtualization}` yet"),
                 fix: None,
-            }),
-        }
+            });
+        };
+        let network = || facts.networks.get(virtualization)?.get(&backend);
+        unavailable(availability).or_else(|| unavailable(network()?))
     }
 }
 
@@ -104,6 +104,16 @@ pub struct Obstacle {
     pub fix: Option<String>,
 }
 
+fn unavailable(availability: &Availability) -> Option<Obstacle> {
+    match availability {
+        Availability::Available { .. } => None,
+        Availability::Unavailable { reason, fix } => Some(Obstacle {
+            reason: reason.clone(),
+            fix: fix.clone(),
+        }),
+    }
+}
+
 /// Where a scenario runs.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Placement {
@@ -113,10 +123,10 @@ pub struct Placement {
     pub obstacle: Option<Obstacle>,
 }
 
-/// The first host that offers a combination's hardware and OS and can make its environment; if none can, the first that
-/// offers them, with what stands in the way.
+/// The first host that offers a combination's hardware and OS and can make its environment with its network; if none
+/// can, the first that offers them, with what stands in the way.
 #[must_use]
-pub fn place(combination: &Combination, offers: &[Offer]) -> Placement {
+pub fn place(combination: &Combination, backend: NetworkBackend, offers: &[Offer]) -> Placement {
     let virtualization = combination.value(VIRTUALIZATION).unwrap_or("native");
     let fits = |offer: &&Offer| {
         [HARDWARE, OS]
@@ -126,7 +136,7 @@ pub fn place(combination: &Combination, offers: &[Offer]) -> Placement {
     let mut fitting: Vec<_> = offers
         .iter()
         .filter(fits)
-        .map(|offer| (offer.obstacle(virtualization), offer))
+        .map(|offer| (offer.obstacle(virtualization, backend), offer))
         .collect();
     // A stable sort: among equals the file's order decides.
     fitting.sort_by_key(|(obstacle, _)| obstacle.is_some());

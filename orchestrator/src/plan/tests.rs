@@ -6,6 +6,8 @@ use proptest::prelude::*;
 use rstest::rstest;
 
 use super::*;
+use workload::settings::NetworkBackend;
+
 use crate::provider::Availability;
 
 /// A machine on which everything works.
@@ -20,6 +22,7 @@ fn willing(hardware: &str, os: &str) -> HostFacts {
             .iter()
             .map(|name| ((*name).to_owned(), available()))
             .collect(),
+        networks: BTreeMap::new(),
     }
 }
 
@@ -365,4 +368,41 @@ proptest! {
         prop_assert_eq!(order.len(), values.len() * 2);
         prop_assert_eq!(plan.record.order.len(), values.len() * 2);
     }
+}
+
+#[test]
+fn a_network_that_a_provider_cannot_have_makes_the_scenarios_with_it_infeasible() {
+    let text = "matrix:\n  virtualization: [native, docker]\n  network.backend: [userspace, kernel]\n";
+    let file = MatrixFile::parse("matrix.yaml", text.as_bytes(), None).unwrap();
+    let mut facts = this_machine();
+    let lacks_netem = Availability::Unavailable {
+        reason: "netem is not in this kernel".to_owned(),
+        fix: Some("load sch_netem".to_owned()),
+    };
+    facts.get_mut("local").unwrap().networks.insert(
+        "native".to_owned(),
+        BTreeMap::from([(NetworkBackend::Kernel, lacks_netem)]),
+    );
+    let plan = plan(&file, &facts, &Selection::default(), 1).unwrap();
+    let infeasible: Vec<_> = plan
+        .record
+        .scenarios
+        .iter()
+        .filter(|scenario| !scenario.feasible)
+        .map(|scenario| {
+            (
+                scenario.slug.as_str(),
+                scenario.reason.as_deref(),
+                scenario.fix.as_deref(),
+            )
+        })
+        .collect();
+    assert_eq!(
+        infeasible,
+        [(
+            "x86-64-debian-12-native-kernel",
+            Some("netem is not in this kernel"),
+            Some("load sch_netem")
+        )]
+    );
 }

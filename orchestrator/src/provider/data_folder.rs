@@ -2,7 +2,7 @@
 //! here. The main type is [`DataFile`].
 //!
 //! ```text
-//! environment.json  progress.jsonl
+//! environment.json  network.txt  progress.jsonl
 //! window-N/         control.csv  h1.pcap  sta1.pcap  sta2.pcap  window.json
 //! ```
 //!
@@ -42,7 +42,7 @@ impl DataFile {
             _ => None,
         });
         let longest = match (names.next()??, names.next(), names.next()) {
-            ("environment.json" | "progress.jsonl", None, None) => LONGEST_RECORD,
+            ("environment.json" | "network.txt" | "progress.jsonl", None, None) => LONGEST_RECORD,
             (folder, Some(file), None) if is_window(folder) => longest_of_window(file?)?,
             _ => return None,
         };
@@ -177,6 +177,7 @@ mod tests {
 
     #[rstest::rstest]
     #[case("environment.json", true)]
+    #[case("network.txt", true)]
     #[case("progress.jsonl", true)]
     #[case("window-1/control.csv", true)]
     #[case("window-12/sta2.pcap", true)]

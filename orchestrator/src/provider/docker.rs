@@ -29,6 +29,7 @@ use bollard::{
 use reports::run_directory::Resource;
 use serde_json::{Map, Value, json};
 use tokio::sync::OnceCell;
+use workload::settings::NetworkBackend;
 
 use self::{
     engine::{Engine, if_there, is_missing, translate},
@@ -180,6 +181,23 @@ impl Provider for Docker {
             Ok(engine.judge())
         };
         surveyed.await.unwrap_or_else(Availability::prevented_by)
+    }
+
+    /// The image that is built in has the workload and nothing else. What one that the user names has is the user's
+    /// word: the workload looks for it before it measures.
+    async fn survey_network(&self, backend: NetworkBackend) -> Option<Availability> {
+        let programs = backend.programs();
+        (self.settings.image.is_none() && !programs.is_empty()).then(|| Availability::Unavailable {
+            reason: format!(
+                "the `{}` network needs {}, which the built-in image has not got",
+                backend.name(),
+                programs.join(" and ")
+            ),
+            fix: Some(
+                "use `backend: userspace`, or name an image that has them: `providers: {docker: {image: …}}`"
+                    .to_owned(),
+            ),
+        })
     }
 
     fn resources(&self, request: &EnvironmentRequest) -> Vec<Resource> {

@@ -18,6 +18,7 @@ use std::{
 
 use async_trait::async_trait;
 use reports::run_directory::Resource;
+use workload::settings::NetworkBackend;
 
 pub use self::check::check;
 use self::{environment::NativeEnvironment, process::WorkloadProcess};
@@ -90,10 +91,17 @@ impl Provider for Native {
     }
 
     async fn survey(&self) -> Availability {
-        match check(&self.state).await {
+        match check(&self.state, NetworkBackend::Userspace).await {
             Ok(record) => check::availability(&record),
             Err(error) => Availability::prevented_by(error),
         }
+    }
+
+    async fn survey_network(&self, backend: NetworkBackend) -> Option<Availability> {
+        Some(match check(&self.state, backend).await {
+            Ok(record) => check::network(&record),
+            Err(error) => Availability::prevented_by(error),
+        })
     }
 
     fn resources(&self, request: &EnvironmentRequest) -> Vec<Resource> {

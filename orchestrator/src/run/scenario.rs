@@ -387,7 +387,8 @@ impl Run<'_> {
         Ok(())
     }
 
-    /// Writes the scenario's `environment.json`: what the provider knows and what the workload saw from inside. That of
+    /// Writes the scenario's `environment.json`: what the provider knows and what the workload saw from inside, and
+    /// puts the workload's `network.txt` beside it. That of
     /// an earlier environment, whose windows may count, stays under its own name.
     fn keep_platform(
         &self,
@@ -410,6 +411,14 @@ impl Run<'_> {
             && earlier != request.environment
         {
             fs::rename(&path, path.with_file_name(format!("environment-{earlier}.json")))?;
+            let network = path.with_file_name("network.txt");
+            if network.exists() {
+                fs::rename(&network, path.with_file_name(format!("network-{earlier}.txt")))?;
+            }
+        }
+        let network = folder.join("network.txt");
+        if network.exists() {
+            fs::copy(&network, path.with_file_name("network.txt"))?;
         }
         let mut text = serde_json::to_vec_pretty(&record).map_err(io::Error::from)?;
         text.push(b'\n');

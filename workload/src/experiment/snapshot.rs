@@ -94,17 +94,22 @@ pub fn unix_offset_ns() -> i64 {
 
 fn pass_since(now: &PassRecord, before: &PassRecord) -> PassRecord {
     let delivered = now.delivered.saturating_sub(before.delivered);
-    let total = |pass: &PassRecord| pass.lateness_mean_ns * pass.delivered as f64;
+    let total = |pass: &PassRecord| Some(pass.lateness_mean_ns? * pass.delivered as f64);
+    let mean = |now: f64, before: f64| match delivered {
+        0 => 0.0,
+        _ => (now - before) / delivered as f64,
+    };
     PassRecord {
         offered: now.offered.saturating_sub(before.offered),
         lost: now.lost.saturating_sub(before.lost),
-        overflowed: now.overflowed.saturating_sub(before.overflowed),
+        overflowed: now
+            .overflowed
+            .zip(before.overflowed)
+            .map(|(now, before)| now.saturating_sub(before)),
         delivered,
-        lateness_mean_ns: if delivered == 0 {
-            0.0
-        } else {
-            (total(now) - total(before)) / delivered as f64
-        },
+        lateness_mean_ns: total(now)
+            .zip(total(before))
+            .map(|(now, before)| mean(now, before)),
         lateness_max_ns: now.lateness_max_ns,
     }
 }
@@ -118,15 +123,15 @@ mod tests {
         let pass = |offered, lost, mean| PassRecord {
             offered,
             lost,
-            overflowed: 0,
+            overflowed: Some(0),
             delivered: offered - lost,
-            lateness_mean_ns: mean,
-            lateness_max_ns: 90,
+            lateness_mean_ns: Some(mean),
+            lateness_max_ns: Some(90),
         };
         let since = pass_since(&pass(300, 3, 20.0), &pass(100, 1, 10.0));
         assert_eq!((since.offered, since.lost, since.delivered), (200, 2, 198));
         let mean_ns = (297.0 * 20.0 - 99.0 * 10.0) / 198.0;
-        assert!((since.lateness_mean_ns - mean_ns).abs() < 1e-9);
+        assert!((since.lateness_mean_ns.unwrap() - mean_ns).abs() < 1e-9);
     }
 
     #[test]

@@ -26,6 +26,7 @@ use nix::{
 };
 
 use super::{NetworkError, ipv6, namespace::errno};
+use crate::virtual_host::VirtualHost;
 
 /// The network mask of 10.0.0.0/8.
 const MASK: Ipv4Addr = Ipv4Addr::new(255, 0, 0, 0);
@@ -42,6 +43,18 @@ pub struct Interface {
     pub mac: [u8; 6],
     /// Address, in a network of 8 bits.
     pub address: Ipv4Addr,
+}
+
+impl Interface {
+    /// That of a virtual host.
+    #[must_use]
+    pub fn of(host: VirtualHost) -> Self {
+        Self {
+            name: host.interface(),
+            mac: host.mac(),
+            address: host.address(),
+        }
+    }
 }
 
 /// A TAP device: what the host sends is read from it, what is written to it reaches the host. It never blocks.

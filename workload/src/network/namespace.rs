@@ -4,7 +4,7 @@
 use std::{
     fs::{self, File},
     io,
-    os::fd::OwnedFd,
+    os::fd::{AsRawFd, OwnedFd},
     panic, thread,
 };
 
@@ -41,6 +41,12 @@ impl Namespace {
                 handle: handle.into(),
             })
         })
+    }
+
+    /// Where other processes find it, as long as this process has it.
+    #[must_use]
+    pub fn path(&self) -> String {
+        format!("/proc/{}/fd/{}", std::process::id(), self.handle.as_raw_fd())
     }
 
     /// Moves the calling thread into it.

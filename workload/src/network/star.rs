@@ -218,10 +218,10 @@ impl Pass {
         PassRecord {
             offered: self.offered,
             lost: self.lost,
-            overflowed: self.overflowed,
+            overflowed: Some(self.overflowed),
             delivered: self.delivered,
-            lateness_mean_ns: self.lateness_total_ns as f64 / self.delivered.max(1) as f64,
-            lateness_max_ns: self.lateness_max_ns,
+            lateness_mean_ns: Some(self.lateness_total_ns as f64 / self.delivered.max(1) as f64),
+            lateness_max_ns: Some(self.lateness_max_ns),
         }
     }
 }

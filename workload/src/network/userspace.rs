@@ -87,23 +87,15 @@ pub fn survey() -> Result<(), NetworkError> {
 fn make_host(host: VirtualHost) -> Result<(Namespace, Tap), NetworkError> {
     let namespace = Namespace::create()?;
     let tap = namespace.within(|| {
-        let interface = interface_of(host);
+        let interface = Interface::of(host);
         let tap = Tap::create(&interface.name)?;
         let neighbours: Vec<_> = VirtualHost::ALL
             .into_iter()
             .filter(|other| *other != host)
-            .map(interface_of)
+            .map(Interface::of)
             .collect();
         device::configure(&interface, &neighbours)?;
         Ok(tap)
     })?;
     Ok((namespace, tap))
-}
-
-fn interface_of(host: VirtualHost) -> Interface {
-    Interface {
-        name: host.interface(),
-        mac: host.mac(),
-        address: host.address(),
-    }
 }

@@ -171,7 +171,7 @@ fn builtin() -> String {
     "builtin".to_owned()
 }
 
-/// One link's two directions, counted where packets enter and leave the emulator.
+/// One link's two directions, counted where packets enter and leave its ends.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct LinkRecord {
     /// Whose link.
@@ -187,16 +187,16 @@ pub struct LinkRecord {
 pub struct PassRecord {
     /// Packets offered.
     pub offered: u64,
-    /// Packets lost as the settings ask.
+    /// Packets lost as the settings ask, and those that found the queue full where `overflowed` is none.
     pub lost: u64,
-    /// Packets dropped since the queue was full.
-    pub overflowed: u64,
+    /// Packets dropped since the queue was full; none where they cannot be told from `lost` (netem).
+    pub overflowed: Option<u64>,
     /// Packets delivered.
     pub delivered: u64,
-    /// Mean time from when a packet was due to when it was delivered.
-    pub lateness_mean_ns: f64,
-    /// The largest such time since the run began.
-    pub lateness_max_ns: u64,
+    /// Mean time from when a packet was due to when it was delivered; none where nobody can say (the kernel).
+    pub lateness_mean_ns: Option<f64>,
+    /// The largest such time since the run began; none where nobody can say.
+    pub lateness_max_ns: Option<u64>,
 }
 
 /// How late the emulator let packets go, in one window, over all passes through its links.

@@ -4,24 +4,30 @@
 use std::{process::Stdio, time::Duration};
 
 use tokio::process::Command;
-use workload::record::check::CheckRecord;
+use workload::{
+    record::check::{Check, CheckRecord},
+    settings::NetworkBackend,
+};
 
 use super::{ProviderError, refused};
 use crate::{provider::Availability, state_directory::StateDirectory, workload_binary};
 
 /// It makes some namespaces and devices: milliseconds, a second on a slow machine.
 const PATIENCE: Duration = Duration::from_secs(20);
+/// The check of [`workload::survey::check`] that depends on the network.
+const NETWORK: &str = "network";
 const ACTION: &str = "asking the workload whether it can run";
 
-/// Runs `workload check` on this machine.
+/// Runs `workload check` on this machine, for one of the networks.
 ///
 /// # Errors
 /// When the binary cannot be put in the state directory or started, or does not answer in time and as agreed.
-pub async fn check(state: &StateDirectory) -> Result<CheckRecord, ProviderError> {
+pub async fn check(state: &StateDirectory, backend: NetworkBackend) -> Result<CheckRecord, ProviderError> {
     let binary = workload_binary::installed(state)?;
     let mut command = Command::new(binary);
     command
-        .arg("check")
+        .args(["check", "--settings"])
+        .arg(serde_json::json!({"network": {"backend": backend}}).to_string())
         .env_clear()
         .current_dir("/")
         .stdin(Stdio::null())
@@ -42,12 +48,21 @@ pub async fn check(state: &StateDirectory) -> Result<CheckRecord, ProviderError>
     })
 }
 
-/// What a check means for a scenario: what is required and missing makes it infeasible.
+/// What a check means for a scenario, whatever its network: what is required and missing makes it infeasible.
 pub fn availability(record: &CheckRecord) -> Availability {
+    judge(record, |check| check.name != NETWORK)
+}
+
+/// What a check means for a scenario with the network that was asked for.
+pub fn network(record: &CheckRecord) -> Availability {
+    judge(record, |check| check.name == NETWORK)
+}
+
+fn judge(record: &CheckRecord, counts: impl Fn(&Check) -> bool) -> Availability {
     match record
         .checks
         .iter()
-        .find(|check| check.required && !check.available)
+        .find(|check| check.required && !check.available && counts(check))
     {
         Some(missing) => Availability::Unavailable {
             reason: missing
@@ -64,13 +79,11 @@ pub fn availability(record: &CheckRecord) -> Availability {
 
 #[cfg(test)]
 mod tests {
-    use workload::record::check::Check;
-
     use super::*;
 
-    fn record(required: bool) -> CheckRecord {
+    fn record(name: &str, required: bool) -> CheckRecord {
         let missing = Check {
-            name: "network".to_owned(),
+            name: name.to_owned(),
             required,
             available: false,
             reason: None,
@@ -87,13 +100,20 @@ mod tests {
     #[test]
     fn only_what_is_required_makes_a_scenario_infeasible() {
         let infeasible = Availability::Unavailable {
-            reason: "network is missing".to_owned(),
+            reason: "clock is missing".to_owned(),
             fix: Some("run as root".to_owned()),
         };
-        assert_eq!(availability(&record(true)), infeasible);
+        assert_eq!(availability(&record("clock", true)), infeasible);
         assert!(matches!(
-            availability(&record(false)),
+            availability(&record("clock", false)),
             Availability::Available { .. }
         ));
+    }
+
+    #[test]
+    fn a_network_that_cannot_be_had_is_in_the_way_of_those_who_want_it() {
+        let without = record("network", true);
+        assert!(matches!(network(&without), Availability::Unavailable { .. }));
+        assert!(matches!(availability(&without), Availability::Available { .. }));
     }
 }
