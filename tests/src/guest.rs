@@ -31,7 +31,7 @@ const TAIL_LINES: usize = 40;
 
 /// A shell that ends the machine with itself, in both directions: when its input ends, because the [`Guest`] is dropped
 /// or its process is killed, and when QEMU ends. All are one process group, so that nobody is left.
-const KEEPER: &str = r#"{ "$@" </dev/null; kill -9 0; } & read -r end; kill -9 0"#;
+pub(crate) const KEEPER: &str = r#"{ "$@" </dev/null; kill -9 0; } & read -r end; kill -9 0"#;
 
 /// A booted machine, until it is dropped. Every boot begins with the same disk: what it writes goes with it.
 #[derive(Debug)]
@@ -52,20 +52,7 @@ impl Guest {
     /// When it does not come up, with the end of its console or with what to install.
     #[must_use]
     pub fn boot() -> Self {
-        for (program, package) in [
-            (
-                "qemu-system-x86_64",
-                "qemu-system-x86 (where it conflicts with an installed qemu-utils: \
-                 apt-get install -t bookworm-backports qemu-system-x86, with bookworm-backports among the sources)",
-            ),
-            ("ssh", "openssh-client"),
-            ("scp", "openssh-client"),
-        ] {
-            assert!(
-                is_installed(program),
-                "the guest needs {program}: apt-get install {package}"
-            );
-        }
+        require_programs();
         let image = image();
         for _ in 0..PORTS_TO_TRY {
             if let Some(guest) = Self::try_boot(&image) {
@@ -95,7 +82,18 @@ impl Guest {
         let mut keeper = Command::new("sh");
         keeper
             .args(["-c", KEEPER, "keeper"])
-            .args(machine(image, folder.path(), port))
+            .args(machine(
+                image,
+                &[
+                    // Two processors, since the workload keeps its loops apart.
+                    "-accel tcg,thread=multi -smp 2",
+                    &format!("-netdev user,id=net,hostfwd=tcp:127.0.0.1:{port}-:22"),
+                    "-device virtio-net-pci,netdev=net,romfile=",
+                    "-object rng-random,filename=/dev/urandom,id=random -device virtio-rng-pci,rng=random",
+                    &format!("-serial file:{}", folder.path().join("console").display()),
+                ],
+                "",
+            ))
             .env("TMPDIR", std::env::temp_dir())
             .stdin(Stdio::piped())
             .stdout(Stdio::null())
@@ -296,14 +294,12 @@ impl Guest {
     fn state(&self) -> String {
         let console = std::fs::read(self.folder.path().join("console")).unwrap_or_default();
         let console = String::from_utf8_lossy(&console);
-        let lines: Vec<&str> = console.lines().collect();
-        let tail = &lines[lines.len().saturating_sub(TAIL_LINES)..];
         let mut text = String::new();
         let _ = write!(
             text,
             "\nQEMU said:\n{}\nthe end of the console:\n{}",
             self.said(),
-            tail.join("\n")
+            tail(&console)
         );
         text
     }
@@ -320,35 +316,50 @@ impl Drop for Guest {
     }
 }
 
-/// QEMU and its arguments. Two processors, since the workload keeps its loops apart; the disk is a temporary overlay
-/// that QEMU unlinks at once.
-fn machine(image: &Path, folder: &Path, port: u16) -> Vec<String> {
+/// Fails with what to install.
+pub(crate) fn require_programs() {
+    for (program, package) in [
+        (
+            "qemu-system-x86_64",
+            "qemu-system-x86 (where it conflicts with an installed qemu-utils: \
+             apt-get install -t bookworm-backports qemu-system-x86, with bookworm-backports among the sources)",
+        ),
+        ("ssh", "openssh-client"),
+        ("scp", "openssh-client"),
+    ] {
+        assert!(
+            is_installed(program),
+            "the guest needs {program}: apt-get install {package}"
+        );
+    }
+}
+
+/// QEMU and its arguments: those that every machine has, `more`, and `parameters` for the kernel. The disk is a
+/// temporary overlay that QEMU unlinks at once. An emulated processor leaks nothing to protect, and has no ATA and no KVM.
+pub(crate) fn machine(image: &Path, more: &[&str], parameters: &str) -> Vec<String> {
     let image = image.display();
-    [
-        "qemu-system-x86_64 -nodefaults -no-user-config -no-reboot -display none",
-        "-accel tcg,thread=multi -cpu max -smp 2 -m 1024",
+    let common = [
+        "qemu-system-x86_64 -nodefaults -no-user-config -no-reboot -display none -cpu max -m 1024",
         &format!("-kernel {image}/vmlinuz -initrd {image}/initrd"),
         &format!("-drive file={image}/root.ext4,format=raw,if=virtio,snapshot=on,cache=unsafe"),
-        &format!("-netdev user,id=net,hostfwd=tcp:127.0.0.1:{port}-:22"),
-        "-device virtio-net-pci,netdev=net,romfile=",
-        "-object rng-random,filename=/dev/urandom,id=random -device virtio-rng-pci,rng=random",
-        &format!("-serial file:{}", folder.join("console").display()),
-    ]
-    .iter()
-    .flat_map(|words| words.split(' '))
-    .map(str::to_owned)
-    // The last words are one argument. An emulated processor leaks nothing to protect, and has none of these devices.
-    .chain([
-        "-append".to_owned(),
-        "root=/dev/vda rw console=ttyS0 net.ifnames=0 panic=-1 quiet mitigations=off \
-         modprobe.blacklist=ata_piix,ata_generic,kvm_amd,kvm_intel"
-            .to_owned(),
-    ])
-    .collect()
+    ];
+    common
+        .iter()
+        .chain(more)
+        .flat_map(|words| words.split(' '))
+        .map(str::to_owned)
+        .chain([
+            "-append".to_owned(),
+            format!(
+                "root=/dev/vda rw console=ttyS0 net.ifnames=0 panic=-1 quiet mitigations=off \
+                 modprobe.blacklist=ata_piix,ata_generic,kvm_amd,kvm_intel {parameters}"
+            ),
+        ])
+        .collect()
 }
 
 /// The folder with the image, made if need be.
-fn image() -> PathBuf {
+pub(crate) fn image() -> PathBuf {
     let build = Path::new(env!("CARGO_MANIFEST_DIR")).join("guest/build");
     let output = Command::new(&build)
         .stdin(Stdio::null())
@@ -362,6 +373,12 @@ fn image() -> PathBuf {
         build.display()
     );
     PathBuf::from(said.trim_end())
+}
+
+/// The last lines of a console.
+pub(crate) fn tail(console: &str) -> String {
+    let lines: Vec<&str> = console.lines().collect();
+    lines[lines.len().saturating_sub(TAIL_LINES)..].join("\n")
 }
 
 fn is_installed(program: &str) -> bool {

@@ -4,6 +4,7 @@
 //! kernel of its own.
 
 mod guest;
+pub mod virtual_time;
 mod workload;
 
 use std::{
@@ -22,7 +23,10 @@ use nix::{
 use serde_json::Value;
 use tempfile::TempDir;
 
-pub use crate::{guest::Guest, workload::workload_binary};
+pub use crate::{
+    guest::Guest,
+    workload::{network_probe, workload_binary},
+};
 
 /// Where the `matrix` binary is; built first if need be, by the same cargo that runs the tests, in the profile
 /// that the README's command uses, for benchmarks too.
