@@ -1,13 +1,15 @@
 //! The network of the three virtual hosts: what the experiment asks of it. The main type is [`Network`].
 //!
 //! [`open`] gives the network that the settings name. Everything it makes lives as long as the process at most: the
-//! namespaces have no name and the devices are not persistent, so that even `kill -9` leaves nothing behind.
+//! namespaces have no name and the devices are not persistent, so that even `kill -9` leaves nothing behind. Only
+//! [`mininet`] has others hold something for it, and sees to that itself.
 
 mod device;
 mod emulator;
 mod ipv6;
 mod kernel;
 pub mod link;
+pub mod mininet;
 mod namespace;
 pub mod release_lateness;
 pub mod star;
@@ -20,7 +22,12 @@ use nix::errno::Errno;
 
 pub use self::namespace::become_namespace_root;
 pub(crate) use self::namespace::errno;
-use self::{kernel::Kernel, release_lateness::ReleaseCounts, userspace::Userspace};
+use self::{
+    kernel::Kernel,
+    mininet::{Mininet, MininetError},
+    release_lateness::ReleaseCounts,
+    userspace::Userspace,
+};
 use crate::{
     record::window::LinkRecord,
     settings::{NetworkBackend, NetworkSettings},
@@ -134,6 +141,9 @@ pub enum NetworkError {
         /// What it printed.
         said: String,
     },
+    /// There is no Mininet.
+    #[error(transparent)]
+    Mininet(#[from] MininetError),
     /// A thread of the network could not be started.
     #[error("a thread of the network could not be started")]
     Thread {
@@ -188,6 +198,7 @@ impl NetworkError {
             Self::Tool { program } => {
                 let package = match *program {
                     "ethtool" => "ethtool",
+                    "ovs-vsctl" | "ovs-appctl" => "openvswitch-switch",
                     _ => "iproute2",
                 };
                 return Some(format!(
@@ -200,6 +211,7 @@ impl NetworkError {
                     "use `backend: userspace`, or load {module}: as root `modprobe {module}`"
                 ));
             }
+            Self::Mininet(error) => return error.hint().map(str::to_owned),
             Self::Command { said, .. } if said.contains("not permitted") => {
                 "run as root; in a container, add the capability NET_ADMIN"
             }
@@ -225,6 +237,7 @@ pub fn open(settings: &NetworkSettings, emulator_priority: u8) -> Result<Box<dyn
             Ok(Box::new(Userspace::open(settings, seed, emulator_priority)?))
         }
         NetworkBackend::Kernel => Ok(Box::new(Kernel::open(settings)?)),
+        NetworkBackend::Mininet => Ok(Box::new(Mininet::open(settings)?)),
     }
 }
 
@@ -237,6 +250,7 @@ pub fn survey(backend: NetworkBackend) -> Result<(), NetworkError> {
     match backend {
         NetworkBackend::Userspace => userspace::survey(),
         NetworkBackend::Kernel => kernel::survey(),
+        NetworkBackend::Mininet => mininet::survey(),
     }
 }
 

@@ -205,11 +205,14 @@ pub enum NetworkBackend {
     /// Namespaces, veth pairs and a bridge, with HTB and netem as Mininet's `TCLink` sets them. Needs netem in the
     /// kernel, `ip` and `tc`.
     Kernel,
+    /// The paper's: Mininet's own hosts, links, Open vSwitch switch and OpenFlow controller. Needs them installed, root of
+    /// the machine, and netem and openvswitch in the kernel.
+    Mininet,
 }
 
 impl NetworkBackend {
     /// All of them.
-    pub const ALL: [Self; 2] = [Self::Userspace, Self::Kernel];
+    pub const ALL: [Self; 3] = [Self::Userspace, Self::Kernel, Self::Mininet];
 
     /// As a matrix file names it.
     #[must_use]
@@ -217,6 +220,7 @@ impl NetworkBackend {
         match self {
             Self::Userspace => "userspace",
             Self::Kernel => "kernel",
+            Self::Mininet => "mininet",
         }
     }
 
@@ -226,6 +230,7 @@ impl NetworkBackend {
         match self {
             Self::Userspace => &[],
             Self::Kernel => &["ip", "tc"],
+            Self::Mininet => &["Mininet", "a running Open vSwitch"],
         }
     }
 }
@@ -334,6 +339,9 @@ impl Default for RealtimeSettings {
     }
 }
 
+/// `TCIntf.bwParamMax` of `mininet/link.py`; it has no limit for what is above.
+const MININET_MOST_BITS_PER_SECOND: u64 = 1_000_000_000;
+
 /// Two settings that do not fit together, or one out of its range.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct SettingsProblem {
@@ -440,6 +448,15 @@ impl Settings {
                 "network.seed",
                 "netem draws its losses and delays from the kernel and takes no seed".into(),
                 "remove it, or use `backend: userspace`".into(),
+            );
+        }
+        if self.network.backend == NetworkBackend::Mininet
+            && self.network.bandwidth.bits_per_second() > MININET_MOST_BITS_PER_SECOND
+        {
+            problem(
+                "network.bandwidth",
+                format!("Mininet ignores a bandwidth of {}", self.network.bandwidth),
+                "write at most `1000Mbit`, or use another `backend`".into(),
             );
         }
         if self.network.limit_packets == 0 {
@@ -559,5 +576,18 @@ mod tests {
         assert_eq!(problems.len(), 1);
         assert_eq!(problems[0].path, "window");
         assert_eq!(problems[0].hint, "write `300s`, which is 3 periods");
+    }
+
+    #[rstest::rstest]
+    #[case(1000, None)]
+    #[case(1001, Some("network.bandwidth"))]
+    fn mininet_sets_no_limit_above_a_gigabit_and_that_is_a_problem(
+        #[case] mbit: u32,
+        #[case] problem: Option<&str>,
+    ) {
+        let mut settings = Settings::default();
+        settings.network.backend = NetworkBackend::Mininet;
+        settings.network.bandwidth = BitRate::from_mbit(mbit.into());
+        assert_eq!(settings.problems().first().map(|problem| problem.path), problem);
     }
 }

@@ -18,7 +18,10 @@ use std::{
 
 use async_trait::async_trait;
 use reports::run_directory::Resource;
-use workload::settings::NetworkBackend;
+use workload::{
+    network::{NetworkError, mininet},
+    settings::NetworkBackend,
+};
 
 pub use self::check::check;
 use self::{environment::NativeEnvironment, process::WorkloadProcess};
@@ -29,6 +32,9 @@ use super::{
 use crate::{state_directory::StateDirectory, workload_binary};
 
 const NAME: &str = "native";
+
+/// What a killed workload may leave beside its folder: a bridge of Open vSwitch, which is the machine's.
+const BRIDGE: &str = "bridge";
 
 /// This machine as it is.
 #[derive(Debug, Clone)]
@@ -44,6 +50,21 @@ impl Native {
         Self {
             host: host.to_owned(),
             state,
+        }
+    }
+
+    /// A bridge as something that was left behind. Which run had it is not known.
+    fn bridge(&self, name: String) -> Leftover {
+        Leftover {
+            resource: Resource {
+                host: self.host.clone(),
+                kind: BRIDGE.to_owned(),
+                name,
+            },
+            run: None,
+            run_directory: None,
+            scenario: None,
+            running: false,
         }
     }
 
@@ -135,18 +156,24 @@ impl Provider for Native {
     }
 
     async fn leftovers(&self) -> Result<Vec<Leftover>, ProviderError> {
-        EnvironmentDirectory::all(&self.state)?
+        let bridges = bridges()?.into_iter().map(|name| self.bridge(name));
+        let directories = EnvironmentDirectory::all(&self.state)?
             .into_iter()
             // A folder whose owner was never written belongs to nobody else.
             .filter(|(_, owner)| owner.as_ref().is_none_or(|owner| owner.provider == NAME))
             .map(|(directory, owner)| {
                 let running = find_process(&directory)?.is_some();
                 Ok(directory.leftover(&self.host, owner, running))
-            })
-            .collect()
+            });
+        directories.chain(bridges.map(Ok)).collect()
     }
 
     async fn remove(&self, leftover: &Leftover) -> Result<(), ProviderError> {
+        let name = &leftover.resource.name;
+        if leftover.resource.kind == BRIDGE && bridges()?.contains(name) {
+            return mininet::leftovers::remove(name)
+                .map_err(|error| network_refused("removing a bridge from Open vSwitch", error));
+        }
         let directories = EnvironmentDirectory::all(&self.state)?;
         match directories
             .into_iter()
@@ -155,6 +182,21 @@ impl Provider for Native {
             Some((directory, _)) => environment::remove(&directory, find_process(&directory)?).await,
             None => Ok(()),
         }
+    }
+}
+
+/// Those that no live workload has.
+fn bridges() -> Result<Vec<String>, ProviderError> {
+    mininet::leftovers::find()
+        .map_err(|error| network_refused("looking for bridges of ours in Open vSwitch", error))
+}
+
+fn network_refused(action: &str, error: NetworkError) -> ProviderError {
+    ProviderError::Refused {
+        platform: "this machine".to_owned(),
+        action: action.to_owned(),
+        hint: error.hint(),
+        source: error.into(),
     }
 }
 

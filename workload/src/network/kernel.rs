@@ -13,8 +13,8 @@
 //! A host's packets pass its queue before a capture on its interface sees them (Linux, `dev_hard_start_xmit`), as in
 //! Mininet. In the `userspace` network the interface comes before the link.
 
-mod counts;
-mod tools;
+pub mod counts;
+pub mod tools;
 
 use std::sync::{Mutex, PoisonError};
 
@@ -246,7 +246,7 @@ fn commands(interface: &str, settings: &NetworkSettings) -> [String; 3] {
 }
 
 /// A time in `tc`'s words, exact to the nanosecond.
-fn tc_time(span: TimeSpan) -> String {
+pub fn tc_time(span: TimeSpan) -> String {
     match span.as_nanos() {
         nanoseconds if nanoseconds % 1_000_000 == 0 => format!("{}ms", nanoseconds / 1_000_000),
         nanoseconds if nanoseconds % 1_000 == 0 => format!("{}us", nanoseconds / 1_000),

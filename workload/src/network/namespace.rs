@@ -43,6 +43,19 @@ impl Namespace {
         })
     }
 
+    /// That of another process.
+    ///
+    /// # Errors
+    /// If the process has ended or the kernel refuses.
+    pub fn of_process(pid: u32) -> Result<Self, NetworkError> {
+        let handle = File::open(format!("/proc/{pid}/ns/net")).map_err(|error| NetworkError::Enter {
+            source: errno(&error),
+        })?;
+        Ok(Self {
+            handle: handle.into(),
+        })
+    }
+
     /// Where other processes find it, as long as this process has it.
     #[must_use]
     pub fn path(&self) -> String {

@@ -61,23 +61,29 @@ impl fmt::Display for Transcript {
 /// # Errors
 /// If it is not installed or fails.
 pub fn run(namespace: &Namespace, program: &'static str, words: &[&str]) -> Result<String, NetworkError> {
+    // A child begins in the namespace of the thread that started it.
+    namespace.within(|| run_here(program, words))
+}
+
+/// Runs a program in the calling thread's namespace to its end; what it printed.
+///
+/// # Errors
+/// If it is not installed or fails.
+pub fn run_here(program: &'static str, words: &[&str]) -> Result<String, NetworkError> {
     let missing = || NetworkError::Tool { program };
     let path = find(program).ok_or_else(missing)?;
-    // A child begins in the namespace of the thread that started it.
-    let output = namespace.within(|| {
-        Command::new(path)
-            .args(words)
-            .env_clear()
-            .stdin(Stdio::null())
-            .output()
-            .map_err(|error| match error.kind() {
-                ErrorKind::NotFound => missing(),
-                _ => NetworkError::Start {
-                    program,
-                    source: errno(&error),
-                },
-            })
-    })?;
+    let output = Command::new(path)
+        .args(words)
+        .env_clear()
+        .stdin(Stdio::null())
+        .output()
+        .map_err(|error| match error.kind() {
+            ErrorKind::NotFound => missing(),
+            _ => NetworkError::Start {
+                program,
+                source: errno(&error),
+            },
+        })?;
     outcome(program, words, &output)
 }
 

@@ -1,0 +1,337 @@
+//! The paper's network, for real: Mininet, Open vSwitch and its OpenFlow controller in a guest that has the kernel for it.
+
+use std::{
+    process::{Child, Stdio},
+    sync::{Mutex, MutexGuard, PoisonError},
+    time::{Duration, Instant},
+};
+
+use serde_json::Value;
+use tests::{Guest, Ran, workload_binary};
+
+/// Far more than anything here takes; it only ends a hopeless wait.
+const HOPELESS: Duration = Duration::from_secs(240);
+/// What the names of our bridges and interfaces begin with.
+const OURS: &str = "mx";
+
+/// Each test has the guest for itself, with Open vSwitch running in it.
+struct Turn {
+    guest: &'static Guest,
+    _turn: MutexGuard<'static, ()>,
+}
+
+fn turn() -> Turn {
+    static ONE: Mutex<()> = Mutex::new(());
+    let turn = ONE.lock().unwrap_or_else(PoisonError::into_inner);
+    let guest = Guest::shared();
+    guest.put(workload_binary(), "/root/workload");
+    guest.expect(&["systemctl", "start", "openvswitch-switch"]);
+    Turn { guest, _turn: turn }
+}
+
+impl Turn {
+    /// A workload with Mininet's network, as `matrix` starts one: with an empty environment.
+    fn workload<'a>(&self, data: &'a str, window: &str, windows: &'a str) -> Vec<String> {
+        let settings = format!(
+            r#"{{"windows": 2, "window": "{window}", "period": "5s", "network": {{"backend": "mininet"}}}}"#
+        );
+        [
+            "env",
+            "-i",
+            "/root/workload",
+            "run",
+            "--environment",
+            data,
+            "--settings",
+            &settings,
+            "--data",
+        ]
+        .into_iter()
+        .chain([data, "--windows", windows])
+        .map(str::to_owned)
+        .collect()
+    }
+
+    fn run(&self, command: &[String]) -> Ran {
+        self.guest
+            .run(&command.iter().map(String::as_str).collect::<Vec<_>>())
+    }
+
+    /// Starts a workload whose connection may end before it.
+    fn start(&self, command: &[String]) -> Child {
+        self.guest
+            .command(&command.iter().map(String::as_str).collect::<Vec<_>>())
+            .stdin(Stdio::null())
+            .stdout(Stdio::null())
+            .stderr(Stdio::null())
+            .spawn()
+            .expect("ssh starts")
+    }
+
+    /// What a shell in the guest prints.
+    fn shell(&self, line: &str) -> String {
+        self.guest.run(&["sh", "-c", line]).out
+    }
+
+    /// Waits until a shell's line succeeds; every look is a command over SSH.
+    fn wait_until(&self, what: &str, line: &str) {
+        let deadline = Instant::now() + HOPELESS;
+        while self.guest.run(&["sh", "-c", line]).code != Some(0) {
+            assert!(
+                Instant::now() < deadline,
+                "{what} did not come to pass\n{}",
+                self.shell("ovs-vsctl show; ip -br link; ps ax; cat /root/*/progress.jsonl")
+            );
+        }
+    }
+
+    fn wait_for_measuring(&self, data: &str) {
+        self.wait_until("measuring", &format!("grep -q measuring {data}/progress.jsonl"));
+    }
+
+    /// The process that its data folder names.
+    fn pid(&self, data: &str) -> String {
+        let progress = self
+            .guest
+            .expect(&["head", "-n1", &format!("{data}/progress.jsonl")]);
+        let started: Value = serde_json::from_str(&progress).expect("progress is JSON");
+        started["pid"].to_string()
+    }
+
+    /// Our bridges and interfaces and the processes of Mininet, one a line.
+    fn left(&self) -> String {
+        self.shell(&format!(
+            "ovs-vsctl --bare --columns=name list Bridge | grep ^{OURS}; ip -br link | grep ^{OURS}; \
+             ps -eo args | grep -E '[m]ininet:|[o]vs-testcontroller|[n]etwork.py'; ls /tmp | grep {OURS}"
+        ))
+    }
+
+    fn wait_until_nothing_is_left(&self) {
+        let deadline = Instant::now() + HOPELESS;
+        loop {
+            let left = self.left();
+            if left.is_empty() {
+                return;
+            }
+            assert!(Instant::now() < deadline, "left behind:\n{left}");
+        }
+    }
+}
+
+#[test]
+fn two_windows_on_mininets_network_and_what_it_was_is_written_down() {
+    let turn = turn();
+    let ran = turn.run(&turn.workload("/root/two", "10s", "1,2"));
+    assert_eq!(ran.code, Some(0), "{}{}", ran.out, ran.err);
+    assert_eq!(turn.left(), "", "it is waited for until all is gone");
+
+    let text = turn.guest.expect(&["cat", "/root/two/network.txt"]);
+    for (line, times) in [
+        // Both ends of three links, told once and looked at twice.
+        (" root handle 5:0 htb default 1\n", 6),
+        ("rate 10.000000Mbit burst 15k\n", 6),
+        ("handle 10: netem delay 10ms 1ms loss 1.00000 limit 1000\n", 6),
+        (
+            "class htb 5:1 root leaf 10: prio 0 rate 10Mbit ceil 10Mbit burst 15Kb cburst 1600b",
+            12,
+        ),
+        (
+            "qdisc netem 10: parent 5:1 limit 1000 delay 10ms  1ms loss 1%",
+            12,
+        ),
+        ("is_connected: true", 2),
+        ("fail_mode: secure", 2),
+        ("# mn --version\n2.3.0\n", 1),
+        ("ovs-vswitchd (Open vSwitch) 3.", 1),
+        ("ovs-testcontroller (Open vSwitch) 3.", 1),
+    ] {
+        assert_eq!(text.matches(line).count(), times, "{line:?} in\n{text}");
+    }
+    // The controller installed flows for the states and for the commands: both directions of sta1 and sta2.
+    for (source, destination) in [("10.0.0.2", "10.0.0.3"), ("10.0.0.3", "10.0.0.2")] {
+        let flow = format!("nw_src={source},nw_dst={destination}");
+        let flows = text
+            .lines()
+            .filter(|line| line.contains("tcp,") && line.contains(&flow));
+        assert!(
+            flows.clone().any(|line| line.contains("actions=output:")),
+            "no flow {flow} in\n{text}"
+        );
+    }
+
+    for window in ["window-1", "window-2"] {
+        let record = turn
+            .guest
+            .expect(&["cat", &format!("/root/two/{window}/window.json")]);
+        let record: Value = serde_json::from_str(&record).expect("the record is JSON");
+        assert_eq!(record["complete"], true, "{record}");
+        assert_eq!(record["network_seed"], Value::Null);
+        // On an emulated processor steps are late; then the window says so.
+        let reasons = record["reasons"].as_array().expect("reasons are listed");
+        assert_eq!(record["verdict"] == "valid", reasons.is_empty(), "{record}");
+        let links = record["links"].as_array().expect("links are listed");
+        assert_eq!(links.len(), 3, "{record}");
+        for link in &links[1..] {
+            for pass in ["up", "down"] {
+                // 500 messages and their acknowledgements go each way; captures are on, so that none is unaccounted for.
+                assert!(link[pass]["offered"].as_u64() > Some(500), "{record}");
+                assert!(link[pass]["delivered"].as_u64() > Some(450), "{record}");
+            }
+        }
+        let capture = format!("/root/two/{window}/sta1.pcap");
+        assert!(!turn.guest.expect(&["tcpdump", "-nr", &capture, "tcp"]).is_empty());
+        assert_eq!(
+            turn.guest.expect(&["tcpdump", "-nr", &capture, "not tcp"]),
+            "",
+            "neither IPv6 nor ARP is on the links"
+        );
+    }
+}
+
+#[test]
+fn a_round_trip_takes_40_ms_and_packets_are_lost_as_asked() {
+    const PINGS: u32 = 400;
+    let turn = turn();
+    let mut workload = turn.start(&turn.workload("/root/ping", "600s", "1"));
+    turn.wait_for_measuring("/root/ping");
+    let said = turn.shell(&format!(
+        "nsenter -t $(pgrep -f 'mininet:h1$') -n ping -q -i 0.05 -c {PINGS} 10.0.0.3"
+    ));
+    turn.guest.expect(&["kill", &turn.pid("/root/ping")]);
+    workload.wait().expect("ssh ends");
+    turn.wait_until_nothing_is_left();
+
+    // `400 packets transmitted, 384 received, 4% packet loss, time 20123ms`, `rtt min/avg/max/mdev = 38.1/…`
+    let number = |text: &str| text.parse::<f64>().expect("a number");
+    let received = said
+        .split(" received")
+        .next()
+        .and_then(|text| text.rsplit(' ').next());
+    let lost = f64::from(PINGS) - received.map(number).expect("ping counts");
+    let times = said.split("mdev = ").nth(1).expect("ping measures");
+    let times: Vec<f64> = times.split([' ', '/']).take(4).map(number).collect();
+    let (shortest, mean) = (times[0], times[1]);
+    // Four passes of at least 9 ms. What an emulated processor adds to the mean depends on the machine's load.
+    assert!((36.0..45.0).contains(&shortest), "{said}");
+    assert!(mean > 39.0, "{said}");
+    // Four passes of 1 %: 3.94 % of 400. The interval leaves out one in a million on either side (binomial).
+    assert!((1.0..=37.0).contains(&lost), "{said}");
+}
+
+#[test]
+fn two_networks_on_one_machine_do_not_meet() {
+    let turn = turn();
+    let mut first = turn.start(&turn.workload("/root/first", "10s", "1"));
+    let ran = turn.run(&turn.workload("/root/second", "10s", "1"));
+    assert_eq!(ran.code, Some(0), "{}{}", ran.out, ran.err);
+    first.wait().expect("ssh ends");
+    turn.wait_until_nothing_is_left();
+    for data in ["/root/first", "/root/second"] {
+        let progress = turn.guest.expect(&["cat", &format!("{data}/progress.jsonl")]);
+        assert!(progress.contains("\"finished\""), "{progress}");
+    }
+}
+
+#[test]
+fn nothing_is_left_of_a_workload_that_was_killed() {
+    let turn = turn();
+    let mut workload = turn.start(&turn.workload("/root/killed", "600s", "1"));
+    turn.wait_for_measuring("/root/killed");
+    assert!(turn.left().contains("mininet:sta2"), "{}", turn.left());
+    turn.guest.expect(&["kill", "-9", &turn.pid("/root/killed")]);
+    workload.wait().expect("ssh ends");
+    turn.wait_until_nothing_is_left();
+}
+
+#[test]
+fn a_workload_whose_mininet_was_killed_fails_and_leaves_nothing() {
+    let turn = turn();
+    let mut workload = turn.start(&turn.workload("/root/bereft", "600s", "1"));
+    turn.wait_for_measuring("/root/bereft");
+    turn.guest.expect(&["pkill", "-9", "-f", "network.py"]);
+    workload.wait().expect("ssh ends");
+    let progress = turn.guest.expect(&["tail", "-n1", "/root/bereft/progress.jsonl"]);
+    assert!(
+        progress.contains("the program that holds Mininet's network has ended"),
+        "{progress}"
+    );
+    turn.wait_until_nothing_is_left();
+}
+
+#[test]
+fn what_is_left_when_all_was_killed_goes_with_the_next_network_and_others_bridges_stay() {
+    let turn = turn();
+    // Bridges of others: one of another Mininet, and one whose name is like ours.
+    turn.guest.expect(&[
+        "ovs-vsctl",
+        "--may-exist",
+        "add-br",
+        "s1",
+        "--",
+        "--may-exist",
+        "add-br",
+        "mxtheirs",
+    ]);
+    let mut workload = turn.start(&turn.workload("/root/all", "600s", "1"));
+    turn.wait_for_measuring("/root/all");
+    turn.guest
+        .expect(&["pkill", "-9", "-f", "network.py|/root/workload"]);
+    workload.wait().expect("ssh ends");
+    let bridges = "ovs-vsctl list-br | grep '^mx' | grep -v mxtheirs";
+    turn.wait_until(
+        "the end of all processes and interfaces",
+        "! ps -eo args | grep -qE '[m]ininet:|[o]vs-testcontroller' && ! ip -br link | grep -q '^mx.*-eth'",
+    );
+    let left = turn.shell(bridges);
+    assert_eq!(left.lines().count(), 1, "the bridge is Open vSwitch's: {left}");
+
+    let ran = turn.run(&turn.workload("/root/next", "5s", "1"));
+    assert_eq!(ran.code, Some(0), "{}{}", ran.out, ran.err);
+    assert_eq!(turn.shell(bridges), "");
+    assert_eq!(turn.shell("ovs-vsctl list-br"), "mxtheirs\ns1\n");
+    turn.guest
+        .expect(&["ovs-vsctl", "del-br", "s1", "--", "del-br", "mxtheirs"]);
+}
+
+#[test]
+fn what_is_missing_is_said_before_a_run() {
+    let turn = turn();
+    let check = |turn: &Turn| -> Value {
+        let settings = r#"{"network": {"backend": "mininet"}}"#;
+        let said = turn
+            .guest
+            .expect(&["env", "-i", "/root/workload", "check", "--settings", settings]);
+        let check: Value = serde_json::from_str(&said).expect("the check is JSON");
+        check["checks"][0].clone()
+    };
+    assert_eq!(check(&turn)["available"], true);
+
+    turn.guest.expect(&["systemctl", "stop", "openvswitch-switch"]);
+    let stopped = check(&turn);
+    assert_eq!(stopped["available"], false, "{stopped}");
+    assert!(
+        stopped["reason"]
+            .to_string()
+            .contains("Open vSwitch does not answer"),
+        "{stopped}"
+    );
+    assert!(
+        stopped["fix"]
+            .to_string()
+            .contains("systemctl start openvswitch-switch"),
+        "{stopped}"
+    );
+
+    let mnexec = "/usr/bin/mnexec";
+    turn.guest.expect(&["mv", mnexec, "/root/mnexec"]);
+    let missing = check(&turn);
+    turn.guest.expect(&["mv", "/root/mnexec", mnexec]);
+    assert!(
+        missing["reason"].to_string().contains("mnexec is not installed"),
+        "{missing}"
+    );
+    assert!(
+        missing["fix"].to_string().contains("apt-get install mininet"),
+        "{missing}"
+    );
+}
