@@ -9,6 +9,7 @@
 //! does what is left to do.
 
 pub mod collection;
+mod compression;
 pub mod record;
 pub mod scenario;
 pub mod session;

@@ -8,7 +8,7 @@
 
 mod environment;
 mod settings;
-mod window;
+pub(crate) mod window;
 
 use async_trait::async_trait;
 use reports::run_directory::Resource;

@@ -1,5 +1,5 @@
-//! From an environment's data folder into the run directory: whole windows are verified and take their place, broken
-//! ones are kept aside. The main function is [`sort_windows`].
+//! From an environment's data folder into the run directory: whole windows are verified, compressed and take their
+//! place, broken ones are kept aside. The main function is [`sort_windows`].
 //!
 //! A window is whole when its `window.json` says so and every file beside it has the length and the checksum that it
 //! names. Nothing is ever joined, mended or overwritten.
@@ -10,7 +10,9 @@ use std::{
 };
 
 use reports::run_directory::RunDirectory;
-use workload::record::window::{Verdict, WindowRecord};
+use workload::record::window::{FileRecord, Verdict, WindowRecord};
+
+use super::compression::compress_captures;
 
 /// A folder could not be read or moved.
 #[derive(Debug, thiserror::Error)]
@@ -72,6 +74,11 @@ pub fn sort_windows(
         });
         match verified {
             Ok(verdict) => {
+                compress_captures(&folder).map_err(|source| CollectionError {
+                    doing: "cannot compress the captures in",
+                    path: folder.clone(),
+                    source,
+                })?;
                 move_folder(&folder, &place)?;
                 sorted.push(Sorted::Whole { window, verdict });
             }
@@ -90,8 +97,13 @@ pub fn sort_windows(
 
 /// Whether two folders hold one and the same window: its record has the checksums of all that is beside it.
 fn same_window(one: &Path, other: &Path) -> bool {
-    let record = |folder: &Path| fs::read(folder.join("window.json"));
-    matches!((record(one), record(other)), (Ok(one), Ok(other)) if one == other)
+    let record = |folder: &Path| {
+        let text = fs::read(folder.join("window.json")).ok()?;
+        let mut record: WindowRecord = serde_json::from_slice(&text).ok()?;
+        record.files = record.files.iter().map(FileRecord::as_measured).collect();
+        Some(record)
+    };
+    matches!((record(one), record(other)), (Some(one), Some(other)) if one == other)
 }
 
 /// What a window's folder is worth, or why it is broken.
