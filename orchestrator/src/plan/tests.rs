@@ -400,7 +400,7 @@ fn a_network_that_a_provider_cannot_have_makes_the_scenarios_with_it_infeasible(
     assert_eq!(
         infeasible,
         [(
-            "x86-64-debian-12-native-kernel",
+            "x86-64-debian-12-native-backend-kernel",
             Some("netem is not in this kernel"),
             Some("load sch_netem")
         )]
