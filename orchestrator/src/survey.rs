@@ -11,6 +11,9 @@ use crate::{
     provider::{self, Availability, Provider, Roster},
 };
 
+/// The setting that says which network a scenario has, as an axis.
+const BACKEND: &str = "network.backend";
+
 /// Asks every host of the matrix that can be asked for what the matrix names. One over SSH cannot yet: it is not in the
 /// answer.
 pub async fn survey(file: &MatrixFile, roster: &Roster) -> BTreeMap<String, HostFacts> {
@@ -19,6 +22,7 @@ pub async fn survey(file: &MatrixFile, roster: &Roster) -> BTreeMap<String, Host
         .into_iter()
         .filter(|name| named.contains(name))
         .collect();
+    let backends = backends(file);
     let mut facts = BTreeMap::new();
     for host in file
         .hosts
@@ -26,13 +30,27 @@ pub async fn survey(file: &MatrixFile, roster: &Roster) -> BTreeMap<String, Host
         .filter(|host| host.connection == Connection::Local)
     {
         let name = host.name.value.clone();
-        facts.insert(name.clone(), this_machine(&name, &asked, roster).await);
+        facts.insert(name.clone(), this_machine(&name, &asked, &backends, roster).await);
     }
     facts
 }
 
-/// What this machine is and what those of its providers say.
-pub async fn this_machine(host: &str, asked: &[&str], roster: &Roster) -> HostFacts {
+/// The networks that scenarios may want.
+fn backends(file: &MatrixFile) -> Vec<NetworkBackend> {
+    let swept = file.matrix.values_of(BACKEND);
+    NetworkBackend::ALL
+        .into_iter()
+        .filter(|backend| *backend == file.workload.network.backend || swept.contains(backend.name()))
+        .collect()
+}
+
+/// What this machine is and what those of its providers say, also of those networks.
+pub async fn this_machine(
+    host: &str,
+    asked: &[&str],
+    backends: &[NetworkBackend],
+    roster: &Roster,
+) -> HostFacts {
     let platform = workload::survey::platform(RealtimeGrant::default());
     let mut facts = HostFacts {
         hardware: platform.machine,
@@ -43,7 +61,7 @@ pub async fn this_machine(host: &str, asked: &[&str], roster: &Roster) -> HostFa
     let mut asking = Vec::new();
     for name in asked {
         if let Ok(provider) = roster.provider(name, host) {
-            asking.push((*name, tokio::spawn(ask(provider))));
+            asking.push((*name, tokio::spawn(ask(provider, backends.to_vec()))));
         }
     }
     for (name, answer) in asking {
@@ -56,11 +74,14 @@ pub async fn this_machine(host: &str, asked: &[&str], roster: &Roster) -> HostFa
 }
 
 /// What a provider says, also of the networks if it can work at all.
-async fn ask(provider: Arc<dyn Provider>) -> (Availability, BTreeMap<NetworkBackend, Availability>) {
+async fn ask(
+    provider: Arc<dyn Provider>,
+    backends: Vec<NetworkBackend>,
+) -> (Availability, BTreeMap<NetworkBackend, Availability>) {
     let availability = provider.survey().await;
     let mut networks = BTreeMap::new();
     if matches!(availability, Availability::Available { .. }) {
-        for backend in NetworkBackend::ALL {
+        for backend in backends {
             if let Some(answer) = provider.survey_network(backend).await {
                 networks.insert(backend, answer);
             }

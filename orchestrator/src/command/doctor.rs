@@ -32,6 +32,7 @@ pub async fn execute(arguments: &DoctorArguments) -> Result<Exit, Complaint> {
     let facts = survey::this_machine(
         THIS_MACHINE,
         &provider::names(),
+        &NetworkBackend::ALL,
         &Roster::new(ProviderSettings::default()),
     )
     .await;

@@ -27,22 +27,30 @@ pub struct Axes {
 }
 
 impl Axes {
+    /// All values that the section has for an axis, in its lists and its includes.
+    #[must_use]
+    pub fn values_of(&self, axis: &str) -> BTreeSet<&str> {
+        let listed = self.axes.iter().filter(|listed| listed.name.value == axis);
+        let listed = listed.flat_map(|listed| &listed.values);
+        let included = self.includes.iter().flat_map(|include| &include.values);
+        let included = included.filter(|given| given.axis.value == axis);
+        listed
+            .chain(included.map(|given| &given.value))
+            .map(|value| value.text.as_str())
+            .collect()
+    }
+
     /// What the section names as `virtualization`, and native, which is what a combination without one gets.
     #[must_use]
     pub fn virtualizations(&self) -> BTreeSet<&str> {
-        let axis = self.axes.iter().find(|axis| axis.name.value == VIRTUALIZATION);
-        let listed = axis.into_iter().flat_map(|axis| &axis.values);
-        let included = self.includes.iter().map(|include| {
-            let values = &include.values;
-            values.iter().find(|given| given.axis.value == VIRTUALIZATION)
-        });
-        let without = (axis.is_none() || included.clone().any(|given| given.is_none())).then_some("native");
-        let included = included.flatten().map(|given| given.value.text.as_str());
-        listed
-            .map(|value| value.text.as_str())
-            .chain(included)
-            .chain(without)
-            .collect()
+        let names = |axis: &Spanned<String>| axis.value == VIRTUALIZATION;
+        let without = !self.axes.iter().any(|axis| names(&axis.name))
+            || self
+                .includes
+                .iter()
+                .any(|include| !include.values.iter().any(|given| names(&given.axis)));
+        let native = without.then_some("native");
+        self.values_of(VIRTUALIZATION).into_iter().chain(native).collect()
     }
 }
 

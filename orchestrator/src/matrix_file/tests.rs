@@ -231,3 +231,14 @@ fn what_a_matrix_names_is_what_hosts_are_asked_for(#[case] text: &str, #[case] n
     let file = MatrixFile::parse("matrix.yaml", text.as_bytes(), None).unwrap();
     assert_eq!(file.matrix.virtualizations(), named.iter().copied().collect());
 }
+
+#[test]
+fn the_values_of_an_axis_are_those_listed_and_those_included() {
+    let text = "matrix:\n  network.backend: [userspace]\n  include:\n    - {network.backend: kernel}\n";
+    let file = MatrixFile::parse("matrix.yaml", text.as_bytes(), None).unwrap();
+    assert_eq!(
+        file.matrix.values_of("network.backend"),
+        ["userspace", "kernel"].into()
+    );
+    assert!(file.matrix.values_of("network.loss").is_empty());
+}
