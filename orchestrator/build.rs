@@ -114,12 +114,48 @@ fn inner_cargo(workspace: &Path, target: &str, target_directory: &Path) -> Resul
     }
     cargo
         .current_dir(workspace)
-        .env("RUSTFLAGS", "-C target-feature=+crt-static")
+        .env("CARGO_ENCODED_RUSTFLAGS", flags(target_directory)?)
         .args(["build", "--locked", "--color", "never"])
         .args(["--package", "workload", "--bin", "workload"])
         .args(["--profile", "deploy", "--target", target, "--target-dir"])
         .arg(target_directory);
     Ok(cargo)
+}
+
+/// The flags of the inner compiler, as `CARGO_ENCODED_RUSTFLAGS` wants them, so that a folder's name may have spaces.
+///
+/// Folders of this machine get the names that they have in `workload/builder`: a binary that is deployed everywhere
+/// knows nothing of where it was built. cargo names our own sources from the workspace on, so that this needs no name,
+/// and another checkout can use what is built.
+fn flags(target_directory: &Path) -> Result<OsString, Box<dyn Error>> {
+    let cargo_home = match env::var_os("CARGO_HOME") {
+        Some(folder) => PathBuf::from(folder),
+        None => Path::new(&variable("HOME")?).join(".cargo"),
+    };
+    let mut flags = OsString::from("-Ctarget-feature=+crt-static");
+    for (folder, name) in [
+        (cargo_home, "/cargo"),
+        (compiler_root()?, "/rust"),
+        (target_directory.to_owned(), "/target"),
+    ] {
+        flags.push("\u{1f}--remap-path-prefix=");
+        flags.push(folder);
+        flags.push("=");
+        flags.push(name);
+    }
+    Ok(flags)
+}
+
+/// Where the compiler is. If the sources of its library are there as well (rustup's `rust-src`), their paths get into
+/// what it compiles.
+fn compiler_root() -> Result<PathBuf, Box<dyn Error>> {
+    let output = Command::new(variable("RUSTC")?)
+        .args(["--print", "sysroot"])
+        .output()?;
+    if !output.status.success() {
+        return Err("`rustc --print sysroot` failed".into());
+    }
+    Ok(PathBuf::from(String::from_utf8(output.stdout)?.trim_end()))
 }
 
 /// What a person has to do when the inner build failed.

@@ -2,6 +2,7 @@
 //!
 //! ```text
 //! matrix_file   text -> MatrixFile                              pure
+//! host          a machine: programs and sockets on it, here or over SSH
 //! survey        what the hosts can do
 //! plan          MatrixFile, what hosts can do -> Plan           pure
 //! run           Plan -> events -> run directory, by providers
@@ -12,6 +13,7 @@
 pub mod arguments;
 pub mod command;
 pub mod exit;
+pub mod host;
 pub mod journal;
 pub mod lease;
 pub mod matrix_file;

@@ -23,7 +23,7 @@ use workload::settings::{Settings, SettingsProblem};
 pub use axes::{Assignment, Axes, Axis, AxisValue, Exclude, Include};
 pub(crate) use axes::{FEWER, SCENARIOS};
 pub use diagnostic::{Code, Diagnostic, Diagnostics, Severity};
-pub use hosts::{Connection, Host, Ssh, SshAddress, THIS_MACHINE};
+pub use hosts::{Connection, Host, Ssh, SshAddress, SshAddressError, THIS_MACHINE};
 pub use schema::schema;
 pub(crate) use spelling::{did_you_mean, list, propose};
 pub(crate) use sweep::{HARDWARE, OS, Role, VIRTUALIZATION};

@@ -11,20 +11,20 @@ pub mod order;
 pub mod placement;
 pub mod selection;
 
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
 
 use reports::run_directory::{FORMAT, PlanRecord, PlannedScenario};
 use serde_json::Value;
-use workload::settings::Settings;
+use workload::settings::{Need, Settings};
 
 pub use attainable::Attainable;
-pub use placement::HostFacts;
+pub use placement::{HostFacts, Obstacle, ProviderFacts};
 pub use selection::Selection;
 
 use crate::matrix_file::{Code, Diagnostic, Diagnostics, MatrixFile, list, propose};
 use attainable::{fewest_values, smallest_p};
 use expansion::{Combination, expand};
-use placement::{Offer, place};
+use placement::{Offer, fitting, place};
 use selection::Candidate;
 
 /// What will happen.
@@ -38,6 +38,42 @@ pub struct Plan {
     pub warnings: Diagnostics,
 }
 
+/// What to ask of a host's providers, by their names: the needs of the scenarios that could run there, each once.
+pub type Questions = BTreeMap<String, BTreeSet<Need>>;
+
+/// What to ask the hosts before planning, by their names. Of the hosts no more has to be known than what they are. Nothing of a matrix in which something is wrong: that
+/// is for [`plan`] to say.
+#[must_use]
+pub fn questions(file: &MatrixFile, facts: &BTreeMap<String, HostFacts>) -> BTreeMap<String, Questions> {
+    let mut found = Diagnostics::default();
+    let offers = offers(file, facts);
+    let combinations = expand(file, &offers, &mut found);
+    let mut questions: BTreeMap<_, Questions> = BTreeMap::new();
+    for combination in combinations.iter().filter(|one| one.excluded.is_none()) {
+        let need = Need::of(&settings(file, combination, &mut found));
+        for offer in fitting(combination, &offers) {
+            questions
+                .entry(offer.host.clone())
+                .or_default()
+                .entry(combination.virtualization().to_owned())
+                .or_default()
+                .insert(need.clone());
+        }
+    }
+    if found.has_errors() {
+        return BTreeMap::new();
+    }
+    questions
+}
+
+/// What the hosts offer, as far as it is known.
+fn offers(file: &MatrixFile, facts: &BTreeMap<String, HostFacts>) -> Vec<Offer> {
+    file.hosts
+        .iter()
+        .map(|host| Offer::of(host, facts.get(&host.name.value)))
+        .collect()
+}
+
 /// Plans the scenarios of a matrix file on hosts of which `facts` are known, by host name.
 ///
 /// # Errors
@@ -49,11 +85,7 @@ pub fn plan(
     seed: u64,
 ) -> Result<Plan, Diagnostics> {
     let mut found = file.warnings.clone();
-    let offers: Vec<_> = file
-        .hosts
-        .iter()
-        .map(|host| Offer::of(host, facts.get(&host.name.value)))
-        .collect();
+    let offers = offers(file, facts);
     let combinations = expand(file, &offers, &mut found);
     let (combinations, mut found) = found.unless_errors(combinations)?;
     let mut scenarios = scenarios(file, &combinations, &offers, &mut found);
@@ -115,7 +147,7 @@ fn scenarios(
     named
         .map(|(index, (combination, slug))| {
             let settings = settings(file, combination, found);
-            let placement = place(combination, settings.network.backend, offers);
+            let placement = place(combination, &Need::of(&settings), offers);
             // Of two reasons the excluding one counts: it holds whatever the host can do.
             let (reason, fix) = match (&combination.excluded, placement.obstacle) {
                 (Some(reason), _) => (Some(reason.clone()), None),
@@ -255,10 +287,10 @@ fn check_names(file: &MatrixFile, scenarios: &[PlannedScenario], found: &mut Dia
                     file.place_of_key(&path),
                     format!("no scenario has an axis `{axis}`"),
                 )
-                .help(propose(axis, axes.collect::<std::collections::BTreeSet<_>>())),
+                .help(propose(axis, axes.collect::<BTreeSet<_>>())),
             );
         } else if !with_axis.contains(value) {
-            let values: std::collections::BTreeSet<_> = with_axis.iter().map(String::as_str).collect();
+            let values: BTreeSet<_> = with_axis.iter().map(String::as_str).collect();
             found.push(
                 Diagnostic::warning(
                     &file.source,

@@ -7,22 +7,24 @@
 //! [`choose`] is the one place that knows which providers there are.
 
 mod data_folder;
+pub mod detached;
 pub mod docker;
 mod ended;
 mod environment_directory;
 mod error;
-mod executable;
 pub mod fake;
 mod lines;
 pub mod native;
 mod roster;
 mod settings;
+mod trial;
 pub mod vagrant;
 
 use std::{
     ffi::OsString,
     iter,
     path::{Path, PathBuf},
+    sync::Arc,
 };
 
 use async_trait::async_trait;
@@ -30,18 +32,24 @@ use reports::run_directory::Resource;
 use serde_json::{Map, Value};
 use workload::{
     causes::with_causes,
-    record::progress::Progress,
-    settings::{NetworkBackend, Settings},
+    record::{detached::Owner, progress::Progress},
+    settings::{Need, Settings},
 };
 
-use crate::state_directory::StateDirectory;
+use crate::{host::Host, state_directory::StateDirectory};
 
 pub use ended::Ended;
-pub use error::ProviderError;
+pub(crate) use error::file_hint;
+pub use error::{Cause, ProviderError};
 pub use roster::Roster;
 pub use settings::ProviderSettings;
 
-use self::{docker::Docker, fake::Fake, native::Native, vagrant::Vagrant};
+use self::{
+    docker::Docker,
+    fake::Fake,
+    native::Native,
+    vagrant::{Vagrant, VagrantSettings},
+};
 
 /// Whether something can be had on a host.
 #[derive(Debug, Clone, PartialEq, Eq)]
@@ -91,6 +99,19 @@ pub struct EnvironmentRequest {
 }
 
 impl EnvironmentRequest {
+    /// What an environment that a provider makes of it belongs to.
+    #[must_use]
+    pub fn owner(&self, provider: &str) -> Owner {
+        Owner {
+            provider: provider.to_owned(),
+            run: self.run.clone(),
+            run_directory: self.run_directory.clone(),
+            scenario: self.scenario.clone(),
+            host: self.host.clone(),
+            windows: self.windows.clone(),
+        }
+    }
+
     /// The workload's arguments: what `workload run` is to do, with its data in `data`.
     #[must_use]
     pub fn arguments(&self, data: &Path) -> Vec<OsString> {
@@ -113,13 +134,13 @@ pub trait Provider: Send + Sync {
     /// The name under which the journal knows it.
     fn name(&self) -> &'static str;
 
-    /// Whether it can work here, whatever the network. Creates nothing.
+    /// Whether it can work here, whatever the settings need. Creates nothing.
     async fn survey(&self) -> Availability;
 
-    /// Whether its environments can have such a network; none where that is not known before there is one. Creates
-    /// nothing that outlives the call.
-    async fn survey_network(&self, backend: NetworkBackend) -> Option<Availability> {
-        let _ = backend;
+    /// Whether its environments meet a need; none where that is not known before there is one. Asked where it can work
+    /// here. Creates nothing that outlives the call.
+    async fn survey_need(&self, need: &Need) -> Option<Availability> {
+        let _ = need;
         None
     }
 
@@ -208,64 +229,82 @@ pub struct Leftover {
     pub running: bool,
 }
 
-/// The provider of a `virtualization`, for the host of that name in the matrix file.
+/// The provider of a `virtualization` on a host.
 ///
 /// # Errors
 /// When there is none of that name.
 pub fn choose(
     virtualization: &str,
     settings: &ProviderSettings,
-    host: &str,
+    host: &Arc<dyn Host>,
 ) -> Result<Box<dyn Provider>, ProviderError> {
-    let state = StateDirectory::of_this_user;
-    match virtualization {
-        "native" => Ok(Box::new(Native::new(host, state()))),
-        "docker" => Ok(Box::new(Docker::new(host, settings.docker.clone()))),
-        "fake" => Ok(Box::new(Fake::new(host, settings.fake.clone(), state()))),
-
-        other => match Vagrant::with_provider(other) {
-            Some(vagrant) => Ok(Box::new(vagrant)),
-            None => Err(ProviderError::Unknown {
+    let machines = |provider, settings: &VagrantSettings| -> Box<dyn Provider> {
+        Box::new(Vagrant::new(provider, Arc::clone(host), settings.clone()))
+    };
+    Ok(match virtualization {
+        "native" => Box::new(Native::new(Arc::clone(host))),
+        "docker" => Box::new(Docker::on(host, settings.docker.clone())),
+        "libvirt" => machines("libvirt", &settings.libvirt),
+        "virtualbox" => machines("virtualbox", &settings.virtualbox),
+        "vmware_desktop" => machines("vmware_desktop", &settings.vmware_desktop),
+        "parallels" => machines("parallels", &settings.parallels),
+        "hyperv" => machines("hyperv", &settings.hyperv),
+        "qemu" => machines("qemu", &settings.qemu),
+        "fake" => Box::new(Fake::new(
+            host.name(),
+            settings.fake.clone(),
+            StateDirectory::of_this_user(),
+        )),
+        other => {
+            return Err(ProviderError::Unknown {
                 name: other.to_owned(),
-            }),
-        },
-    }
+            });
+        }
+    })
 }
 
 /// Every name that [`choose`] knows: the values of the `virtualization` axis.
-#[must_use]
-pub fn names() -> Vec<&'static str> {
-    [CREATING.as_slice(), &vagrant::PROVIDERS].concat()
-}
+pub const NAMES: [&str; 9] = [
+    "native",
+    "docker",
+    "libvirt",
+    "virtualbox",
+    "vmware_desktop",
+    "parallels",
+    "hyperv",
+    "qemu",
+    "fake",
+];
 
-/// Every provider that can have left something behind on this machine.
+/// Every provider that can have left something behind on a host.
 #[must_use]
-pub fn all() -> Vec<Box<dyn Provider>> {
-    CREATING
+pub fn all(host: &Arc<dyn Host>) -> Vec<Box<dyn Provider>> {
+    NAMES
         .into_iter()
-        .filter_map(|name| choose(name, &ProviderSettings::default(), "localhost").ok())
+        // The fake platform of every host is on this machine.
+        .filter(|name| host.is_this_machine() || *name != "fake")
+        .filter_map(|name| choose(name, &ProviderSettings::default(), host).ok())
         .collect()
 }
-
-/// The providers that create something.
-const CREATING: [&str; 3] = ["native", "docker", "fake"];
 
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::host::Here;
 
     #[test]
     fn every_name_has_its_provider_and_no_other_has() {
         let settings = ProviderSettings::default();
-        for name in names() {
+        let here: Arc<dyn Host> = Arc::new(Here::new("here", StateDirectory::of_this_user()));
+        for name in NAMES {
             assert_eq!(
-                choose(name, &settings, "here")
+                choose(name, &settings, &here)
                     .map(|provider| provider.name())
                     .ok(),
                 Some(name)
             );
         }
-        let error = choose("dokcer", &settings, "here").map(|_| ()).unwrap_err();
+        let error = choose("dokcer", &settings, &here).map(|_| ()).unwrap_err();
         assert!(
             error.hint().is_some_and(|hint| hint.contains("docker")),
             "{error}"

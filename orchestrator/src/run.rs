@@ -11,6 +11,7 @@
 pub mod collection;
 mod compression;
 pub mod record;
+pub mod register;
 pub mod scenario;
 pub mod session;
 pub mod state;

@@ -38,6 +38,12 @@ impl StateDirectory {
         self.0.join("bin")
     }
 
+    /// Where runs with hosts elsewhere are written down.
+    #[must_use]
+    pub fn runs(&self) -> PathBuf {
+        self.0.join("runs")
+    }
+
     /// Where environments without a platform of their own are, each in a folder with its name.
     #[must_use]
     pub fn environments(&self) -> PathBuf {

@@ -1,91 +1,127 @@
 //! What the hosts of a matrix can do, asked before anything is planned, so that a plan itself reads no host and no
 //! clock. The main function is [`survey`].
+//!
+//! ```text
+//! the machines themselves -> the matrix expanded: what its scenarios need -> each provider, once for each distinct need
+//! ```
 
-use std::{collections::BTreeMap, sync::Arc};
-
-use workload::{record::platform::RealtimeGrant, settings::NetworkBackend};
-
-use crate::{
-    matrix_file::{Connection, MatrixFile},
-    plan::HostFacts,
-    provider::{self, Availability, Provider, Roster},
+use std::{
+    collections::{BTreeMap, BTreeSet},
+    sync::Arc,
 };
 
-/// The setting that says which network a scenario has, as an axis.
-const BACKEND: &str = "network.backend";
+use workload::{
+    causes::with_causes,
+    record::platform::{PlatformRecord, RealtimeGrant},
+    settings::Need,
+};
 
-/// Asks every host of the matrix that can be asked for what the matrix names. One over SSH cannot yet: it is not in the
-/// answer.
-pub async fn survey(file: &MatrixFile, roster: &Roster) -> BTreeMap<String, HostFacts> {
-    let named = file.matrix.virtualizations();
-    let asked: Vec<&str> = provider::names()
-        .into_iter()
-        .filter(|name| named.contains(name))
-        .collect();
-    let backends = backends(file);
-    let mut facts = BTreeMap::new();
-    for host in file
+use crate::{
+    host::{self, Host},
+    matrix_file::MatrixFile,
+    plan::{self, HostFacts, Obstacle, ProviderFacts, Questions},
+    provider::{Availability, Provider, Roster, detached::Keeper},
+    state_directory::StateDirectory,
+};
+
+/// The hosts and providers that a matrix file names.
+#[must_use]
+pub fn roster(file: &MatrixFile) -> Roster {
+    let state = StateDirectory::of_this_user();
+    let hosts = file
         .hosts
         .iter()
-        .filter(|host| host.connection == Connection::Local)
-    {
-        let name = host.name.value.clone();
-        facts.insert(name.clone(), this_machine(&name, &asked, &backends, roster).await);
+        .map(|it| host::of(&it.name.value, &it.connection, &state));
+    Roster::new(file.providers.clone(), hosts)
+}
+
+/// Asks every host of the matrix what it is, and then for what its scenarios need. One that cannot be asked is in the
+/// answer with the reason.
+pub async fn survey(file: &MatrixFile, roster: &Roster) -> BTreeMap<String, HostFacts> {
+    let mut facts = identities(roster).await;
+    let mut questions = plan::questions(file, &facts);
+    for (host, facts) in facts.iter_mut().filter(|(_, facts)| facts.obstacle.is_none()) {
+        facts.providers = ask(host, questions.remove(host).unwrap_or_default(), roster).await;
     }
     facts
 }
 
-/// The networks that scenarios may want.
-fn backends(file: &MatrixFile) -> Vec<NetworkBackend> {
-    let swept = file.matrix.values_of(BACKEND);
-    NetworkBackend::ALL
-        .into_iter()
-        .filter(|backend| *backend == file.workload.network.backend || swept.contains(backend.name()))
-        .collect()
+/// What each host is, all asked at once. No provider was asked yet.
+async fn identities(roster: &Roster) -> BTreeMap<String, HostFacts> {
+    let mut asking = Vec::new();
+    for host in roster.hosts() {
+        asking.push((host.name().to_owned(), tokio::spawn(identity(Arc::clone(host)))));
+    }
+    let mut facts = BTreeMap::new();
+    for (host, answer) in asking {
+        if let Ok(answer) = answer.await {
+            facts.insert(host, answer);
+        }
+    }
+    facts
 }
 
-/// What this machine is and what those of its providers say, also of those networks.
-pub async fn this_machine(
-    host: &str,
-    asked: &[&str],
-    backends: &[NetworkBackend],
-    roster: &Roster,
-) -> HostFacts {
-    let platform = workload::survey::platform(RealtimeGrant::default());
-    let mut facts = HostFacts {
+/// What a host is, or why it could not be asked. No provider was asked yet.
+pub async fn identity(host: Arc<dyn Host>) -> HostFacts {
+    if host.is_this_machine() {
+        return this_machine();
+    }
+    match Keeper::new(host).platform().await {
+        Ok(host) => of_platform(host.platform),
+        Err(error) => HostFacts {
+            obstacle: Some(Obstacle {
+                reason: with_causes(&error),
+                fix: error.hint(),
+            }),
+            ..HostFacts::default()
+        },
+    }
+}
+
+fn this_machine() -> HostFacts {
+    of_platform(workload::survey::platform(RealtimeGrant::default()))
+}
+
+fn of_platform(platform: PlatformRecord) -> HostFacts {
+    HostFacts {
         hardware: platform.machine,
         os: platform.os,
+        kernel: platform.kernel,
         ..HostFacts::default()
-    };
-    // All providers at once: each answer is a process or a connection away.
-    let mut asking = Vec::new();
-    for name in asked {
-        if let Ok(provider) = roster.provider(name, host) {
-            asking.push((*name, tokio::spawn(ask(provider, backends.to_vec()))));
-        }
     }
-    for (name, answer) in asking {
-        if let Ok((availability, networks)) = answer.await {
-            facts.providers.insert(name.to_owned(), availability);
-            facts.networks.insert(name.to_owned(), networks);
-        }
-    }
-    facts
 }
 
-/// What a provider says, also of the networks if it can work at all.
-async fn ask(
-    provider: Arc<dyn Provider>,
-    backends: Vec<NetworkBackend>,
-) -> (Availability, BTreeMap<NetworkBackend, Availability>) {
+/// What the providers of a host say, each of what it is asked for: all at once, since an answer is a process or a
+/// connection away.
+pub async fn ask(host: &str, questions: Questions, roster: &Roster) -> BTreeMap<String, ProviderFacts> {
+    let mut asking = Vec::new();
+    for (name, needs) in questions {
+        if let Ok(provider) = roster.provider(&name, host) {
+            asking.push((name, tokio::spawn(ask_provider(provider, needs))));
+        }
+    }
+    let mut answers = BTreeMap::new();
+    for (name, answer) in asking {
+        if let Ok(facts) = answer.await {
+            answers.insert(name, facts);
+        }
+    }
+    answers
+}
+
+/// What a provider says, also of the needs if it can work at all.
+async fn ask_provider(provider: Arc<dyn Provider>, needs: BTreeSet<Need>) -> ProviderFacts {
     let availability = provider.survey().await;
-    let mut networks = BTreeMap::new();
+    let mut answers = BTreeMap::new();
     if matches!(availability, Availability::Available { .. }) {
-        for backend in backends {
-            if let Some(answer) = provider.survey_network(backend).await {
-                networks.insert(backend, answer);
+        for need in needs {
+            if let Some(answer) = provider.survey_need(&need).await {
+                answers.insert(need, answer);
             }
         }
     }
-    (availability, networks)
+    ProviderFacts {
+        availability,
+        needs: answers,
+    }
 }

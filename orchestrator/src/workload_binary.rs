@@ -16,14 +16,10 @@ use std::{
 
 use sha2::{Digest as _, Sha256};
 
-use crate::state_directory::StateDirectory;
+use crate::{provider::file_hint, state_directory::StateDirectory};
 
-/// The machine it runs on, as `uname -m` says it.
-pub const MACHINE: &str = if cfg!(target_arch = "x86") {
-    "i686"
-} else {
-    std::env::consts::ARCH
-};
+// The carried binary is built for the same machine as the library that is linked here.
+pub use workload::survey::MACHINE;
 
 /// The binary itself.
 #[must_use]
@@ -35,7 +31,7 @@ pub fn bytes() -> &'static [u8] {
 #[must_use]
 pub fn sha256() -> &'static str {
     static SHA256: OnceLock<String> = OnceLock::new();
-    SHA256.get_or_init(|| hexadecimal(bytes()))
+    SHA256.get_or_init(|| hash_of(bytes()))
 }
 
 /// Held for writing while the binary's file is open for writing.
@@ -83,6 +79,14 @@ pub struct InstallError {
     pub source: io::Error,
 }
 
+impl InstallError {
+    /// What to do about it, where that is known.
+    #[must_use]
+    pub fn hint(&self) -> Option<String> {
+        file_hint(&self.source)
+    }
+}
+
 fn write_executable(path: &Path) -> io::Result<()> {
     let _writing = WRITING.write().unwrap_or_else(PoisonError::into_inner);
     match fs::remove_file(path) {
@@ -98,7 +102,8 @@ fn write_executable(path: &Path) -> io::Result<()> {
     file.sync_all()
 }
 
-fn hexadecimal(content: &[u8]) -> String {
+/// The SHA-256 of a binary, in hexadecimal.
+pub(crate) fn hash_of(content: &[u8]) -> String {
     Sha256::digest(content)
         .iter()
         .fold(String::with_capacity(64), |mut text, byte| {
@@ -118,6 +123,25 @@ mod tests {
     fn the_binary_is_a_small_program() {
         assert_eq!(bytes().get(..4).unwrap(), b"\x7fELF");
         assert!(bytes().len() < 6 << 20, "{} bytes", bytes().len());
+    }
+
+    #[test]
+    fn the_binary_does_not_know_where_it_was_built() {
+        let has = |text: &str| bytes().windows(text.len()).any(|part| part == text.as_bytes());
+        assert!(has("/cargo/registry/src/"), "panics name their place");
+        let workspace = Path::new(env!("CARGO_MANIFEST_DIR")).parent().unwrap();
+        let sources = workspace.join("workload");
+        // This test is target/debug/deps/….
+        let program = std::env::current_exe().unwrap();
+        let target = program.ancestors().nth(3).unwrap();
+        for place in [
+            sources.to_str().unwrap(),
+            target.to_str().unwrap(),
+            "/.cargo/",
+            "/.rustup/",
+        ] {
+            assert!(!has(place), "{place}");
+        }
     }
 
     #[test]
@@ -174,7 +198,7 @@ mod tests {
     fn the_hash_is_sha_256() {
         // FIPS 180-2, appendix B.1.
         assert_eq!(
-            hexadecimal(b"abc"),
+            hash_of(b"abc"),
             "ba7816bf8f01cfea414140de5dae2223b00361a396177a9cb410ff61f20015ad"
         );
     }

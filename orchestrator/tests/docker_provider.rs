@@ -7,11 +7,11 @@ mod provided;
 use std::{collections::HashMap, path::Path};
 
 use bollard::{
-    Docker as Api,
+    Docker as Api, body_full,
     models::{ContainerConfig, ContainerCreateBody, VolumeCreateRequest},
     query_parameters::{
         CommitContainerOptionsBuilder, CreateContainerOptionsBuilder, RemoveContainerOptionsBuilder,
-        RemoveImageOptions, RemoveVolumeOptions,
+        RemoveImageOptions, RemoveVolumeOptions, UploadToContainerOptionsBuilder,
     },
 };
 use orchestrator::provider::{
@@ -28,6 +28,7 @@ use tokio::{
 use workload::{
     quantity::Bytes,
     record::{progress::Progress, window::WindowRecord},
+    settings::Need,
 };
 
 async fn engine() -> Api {
@@ -302,6 +303,106 @@ async fn the_workload_runs_in_an_image_that_the_user_names_and_leaves_it_alone()
     api.remove_image(&format!("{base}:1"), None::<RemoveImageOptions>, None)
         .await
         .unwrap();
+}
+
+/// tcpdump and what it is linked with, as a tar archive for the root of a container.
+fn tcpdump() -> Vec<u8> {
+    let program = ["/usr/bin/tcpdump", "/usr/sbin/tcpdump"]
+        .into_iter()
+        .find(|path| Path::new(path).exists())
+        .unwrap_or_else(|| panic!("tcpdump is missing: apt-get install tcpdump"));
+    let linked = std::process::Command::new("ldd").arg(program).output().unwrap();
+    let linked = String::from_utf8(linked.stdout).unwrap();
+    let libraries = linked.split_whitespace().filter(|word| word.starts_with('/'));
+    let mut archive = tar::Builder::new(Vec::new());
+    for path in libraries {
+        let mut file = std::fs::File::open(path).unwrap();
+        archive
+            .append_file(path.trim_start_matches('/'), &mut file)
+            .unwrap();
+    }
+    let mut file = std::fs::File::open(program).unwrap();
+    archive.append_file("usr/bin/tcpdump", &mut file).unwrap();
+    archive.into_inner().unwrap()
+}
+
+fn need(json: serde_json::Value) -> Need {
+    Need::of(&serde_json::from_value(json).unwrap())
+}
+
+#[tokio::test]
+async fn the_workload_itself_says_whether_an_image_has_what_a_need_demands() {
+    let api = engine().await;
+    let plain = Platform::docker().provider();
+    let of_ours = request("needs", 2);
+    let environment = plain.create(&of_ours).await.unwrap();
+    let base = of_ours.environment.clone();
+    // The container's own root cannot be written.
+    let commit = |container: &str, tag: &str| {
+        CommitContainerOptionsBuilder::default()
+            .container(container)
+            .repo(&base)
+            .tag(tag)
+            .build()
+    };
+    let config = ContainerConfig::default;
+    api.commit_container(commit(&base, "1"), config()).await.unwrap();
+    environment.discard().await.unwrap();
+    let body = ContainerCreateBody {
+        image: Some(format!("{base}:1")),
+        ..ContainerCreateBody::default()
+    };
+    let options = CreateContainerOptionsBuilder::default().name(&base).build();
+    api.create_container(Some(options), body).await.unwrap();
+    let options = UploadToContainerOptionsBuilder::default().path("/").build();
+    api.upload_to_container(&base, Some(options), body_full(tcpdump().into()))
+        .await
+        .unwrap();
+    api.commit_container(commit(&base, "2"), config()).await.unwrap();
+    api.remove_container(&base, None).await.unwrap();
+
+    let with = |tag: &str| {
+        let settings = DockerSettings {
+            image: Some(format!("{base}:{tag}")),
+            ..DockerSettings::default()
+        };
+        Platform::docker_with(settings).provider()
+    };
+    let filter = need(serde_json::json!({"capture": {"filter": "tcp"}}));
+    let kernel = need(serde_json::json!({"network": {"backend": "kernel"}}));
+    let met = with("2").survey_need(&filter).await;
+    assert!(matches!(met, Some(Availability::Available { .. })), "{met:?}");
+    for (provider, need, words, what_to_do) in [
+        (with("2"), &kernel, "ip is not installed", "`image:`"),
+        (with("1"), &filter, "tcpdump could not be started", "`image:`"),
+        (plain, &filter, "the built-in image has not got", "image"),
+    ] {
+        let Some(Availability::Unavailable { reason, fix }) = provider.survey_need(need).await else {
+            panic!("{need} is met");
+        };
+        assert!(reason.contains(words), "{reason}");
+        assert!(fix.unwrap().contains(what_to_do));
+    }
+    let defaults = need(serde_json::json!({}));
+    assert_eq!(
+        with("2").survey_need(&defaults).await,
+        None,
+        "the workload is enough"
+    );
+    let provider = with("2");
+    assert_eq!(
+        left_of(
+            provider.as_ref(),
+            &format!("matrix-check-{}-", std::process::id())
+        )
+        .await,
+        Vec::<String>::new()
+    );
+    for tag in ["2", "1"] {
+        api.remove_image(&format!("{base}:{tag}"), None::<RemoveImageOptions>, None)
+            .await
+            .unwrap();
+    }
 }
 
 #[tokio::test]

@@ -1,7 +1,10 @@
 //! What a run showed, before it is drawn in any medium: every scenario with how it ended, every comparison, the paper's
 //! tables, and what a reader must know before believing them. The main type is [`Report`], made by [`analyse`].
 
+use std::fmt;
+
 use serde_json::{Map, Value};
+use workload::record::window::Verdict;
 
 use crate::{
     comparison::{Comparison, Tally, compare_all, tally},
@@ -118,11 +121,54 @@ pub struct WindowReport {
     pub reasons: Vec<String>,
 }
 
+/// What was found of some windows in a row that are not valid. Displayed, one remark without the reasons.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct VerdictReport<'a> {
+    /// Which, such as `windows 2 to 3`.
+    pub windows: String,
+    /// As [`WindowReport::verdict`].
+    pub verdict: &'static str,
+    /// Whether they count all the same.
+    pub counted: bool,
+    /// Why.
+    pub reasons: &'a [String],
+}
+
+impl fmt::Display for VerdictReport<'_> {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let counted = if self.counted { "counted" } else { "not counted" };
+        write!(f, "{} {}, {counted}", self.windows, self.verdict)
+    }
+}
+
 impl ScenarioReport {
     /// Windows that count.
     #[must_use]
     pub fn windows_counted(&self) -> usize {
         self.windows.iter().filter(|window| window.n > 0).count()
+    }
+
+    /// What to say of the windows that are not valid, a remark for each run of the same verdict for the same reasons;
+    /// empty for a scenario that was never begun.
+    #[must_use]
+    pub fn verdicts(&self) -> Vec<VerdictReport<'_>> {
+        if self.standing == Standing::NotStarted {
+            return Vec::new();
+        }
+        let same = |a: &WindowReport, b: &WindowReport| a.verdict == b.verdict && a.reasons == b.reasons;
+        let runs = self.windows.chunk_by(same).filter_map(|run| {
+            let (first, last) = (run.first()?, run.last()?);
+            (first.verdict != Verdict::Valid.name()).then(|| VerdictReport {
+                windows: match run.len() {
+                    1 => format!("window {}", first.number),
+                    _ => format!("windows {} to {}", first.number, last.number),
+                },
+                verdict: first.verdict,
+                counted: first.n > 0,
+                reasons: &first.reasons,
+            })
+        });
+        runs.collect()
     }
 
     /// The value of an axis as text, if the scenario has that axis.

@@ -25,7 +25,7 @@ pub(crate) use control_trace::Expected;
 pub use control_trace::{ControlLogError, ControlTrace, Fault, PeriodError, PeriodPath};
 pub use environment::EnvironmentRecord;
 pub use journal::{Event, Journal, JournalEntry, Outcome, Resource};
-pub use manifest::Manifest;
+pub use manifest::{HostRecord, Manifest};
 pub use plan::{PlanRecord, PlannedScenario};
 pub use reading::ReadError;
 pub(crate) use reading::read_record;

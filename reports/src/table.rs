@@ -8,6 +8,8 @@ mod schedule;
 
 use std::collections::BTreeSet;
 
+use workload::record::window::Verdict;
+
 use crate::report::{Report, ScenarioReport, Standing};
 
 /// A table in no particular medium.
@@ -80,6 +82,8 @@ fn within(report: &Report) -> Table {
             row
         })
         .collect();
+    let mut notes = vec!["N is the number of window pairs, of windows that count.".to_owned()];
+    notes.extend(verdicts_note(report));
     Table {
         title: "Table 1. Rejections within each scenario".to_owned(),
         columns: texts(&[
@@ -91,8 +95,20 @@ fn within(report: &Report) -> Table {
             ("rejected", true),
         ]),
         rows,
-        notes: vec!["N is the number of window pairs, of windows that count.".to_owned()],
+        notes,
     }
+}
+
+/// A note that names the windows that were measured and are not valid. Why they are not stands with the scenarios.
+fn verdicts_note(report: &Report) -> Option<String> {
+    let doubtful = [Verdict::Suspect.name(), Verdict::Invalid.name()];
+    let mut named = Vec::new();
+    for scenario in &report.scenarios {
+        let verdicts = scenario.verdicts();
+        let verdicts = verdicts.iter().filter(|one| doubtful.contains(&one.verdict));
+        named.extend(verdicts.map(|one| format!("{} {one}", scenario.id)));
+    }
+    (!named.is_empty()).then(|| format!("Not valid: {}.", named.join("; ")))
 }
 
 /// N and the rejections among them, in two cells.

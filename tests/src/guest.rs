@@ -1,8 +1,8 @@
-//! A Debian machine of its own kernel, for what the kernel of the machine under test may not have: netem, openvswitch.
-//! The main type is [`Guest`].
+//! Debian machines of their own kernel, for what the kernel of the machine under test may not have (netem, openvswitch),
+//! and for other architectures. The main types are [`Guest`] and its [`Model`].
 //!
-//! `tests/guest/build` makes the image, once for each recipe. QEMU emulates the processor in software, which needs no
-//! `/dev/kvm` and makes everything some ten to thirty times slower: a time measured in the guest is coarse.
+//! A script makes the image, once for each recipe. QEMU emulates the processor in software, which needs no `/dev/kvm` and
+//! makes everything some ten to thirty times slower: a time measured in the guest is coarse.
 
 use std::{
     fmt::Write as _,
@@ -33,6 +33,45 @@ const TAIL_LINES: usize = 40;
 /// or its process is killed, and when QEMU ends. All are one process group, so that nobody is left.
 pub(crate) const KEEPER: &str = r#"{ "$@" </dev/null; kill -9 0; } & read -r end; kill -9 0"#;
 
+/// What a machine is made of, and how QEMU starts it.
+#[derive(Debug, Clone, Copy)]
+pub struct Model {
+    /// Makes the image and prints its folder: a script of this repository, with its arguments.
+    recipe: &'static [&'static str],
+    /// QEMU and what it is to emulate. `{image}` is the folder.
+    qemu: &'static str,
+    /// What the kernel is told.
+    parameters: &'static str,
+    /// A command that says `running` once the machine is all there; SSH answers before.
+    ready: &'static [&'static str],
+}
+
+/// An x86_64 machine with systemd, Mininet, Open vSwitch and ROS. The disk is a temporary overlay that QEMU unlinks at once.
+/// An emulated processor leaks nothing to protect, and has no ATA and no KVM.
+pub const DEBIAN_12: Model = Model {
+    recipe: &["vagrant/box/machine"],
+    qemu: "qemu-system-x86_64 -cpu max -drive file={image}/root.ext4,format=raw,if=virtio,snapshot=on,cache=unsafe",
+    parameters: "root=/dev/vda rw console=ttyS0 mitigations=off \
+                 modprobe.blacklist=ata_piix,ata_generic,kvm_amd,kvm_intel",
+    ready: &["systemctl", "is-system-running", "--wait"],
+};
+
+/// An aarch64 machine with an SSH server and little more.
+pub const AARCH64: Model = Model {
+    recipe: &["tests/hosts/build", "aarch64"],
+    qemu: "qemu-system-aarch64 -M virt -cpu cortex-a57",
+    parameters: "console=ttyAMA0 rdinit=/init",
+    ready: &["echo", "running"],
+};
+
+/// The same of an i686.
+pub const I686: Model = Model {
+    recipe: &["tests/hosts/build", "i686"],
+    qemu: "qemu-system-x86_64 -cpu qemu32,+sse2",
+    parameters: "console=ttyS0 rdinit=/init",
+    ready: &["echo", "running"],
+};
+
 /// A booted machine, until it is dropped. Every boot begins with the same disk: what it writes goes with it.
 #[derive(Debug)]
 pub struct Guest {
@@ -46,16 +85,25 @@ pub struct Guest {
 }
 
 impl Guest {
+    /// Boots a [`DEBIAN_12`].
+    ///
+    /// # Panics
+    /// As [`Guest::of`].
+    #[must_use]
+    pub fn boot() -> Self {
+        Self::of(DEBIAN_12)
+    }
+
     /// Boots a machine and waits until it answers on SSH; makes the image first where there is none (minutes).
     ///
     /// # Panics
     /// When it does not come up, with the end of its console or with what to install.
     #[must_use]
-    pub fn boot() -> Self {
-        require_programs();
-        let image = image();
+    pub fn of(model: Model) -> Self {
+        model.require_programs();
+        let image = model.image();
         for _ in 0..PORTS_TO_TRY {
-            if let Some(guest) = Self::try_boot(&image) {
+            if let Some(guest) = Self::try_boot(model, &image) {
                 return guest;
             }
         }
@@ -72,7 +120,7 @@ impl Guest {
     }
 
     /// `None` when the port was taken by another process.
-    fn try_boot(image: &Path) -> Option<Self> {
+    fn try_boot(model: Model, image: &Path) -> Option<Self> {
         let folder = TempDir::with_prefix("matrix-guest-").expect("a folder for the guest");
         let port = TcpListener::bind((Ipv4Addr::LOCALHOST, 0))
             .and_then(|listener| listener.local_addr())
@@ -82,7 +130,7 @@ impl Guest {
         let mut keeper = Command::new("sh");
         keeper
             .args(["-c", KEEPER, "keeper"])
-            .args(machine(
+            .args(model.command(
                 image,
                 &[
                     // Two processors, since the workload keeps its loops apart.
@@ -124,7 +172,7 @@ impl Guest {
             );
             thread::sleep(LOOK);
         }
-        let ran = guest.run(&["systemctl", "is-system-running", "--wait"]);
+        let ran = guest.run(model.ready);
         assert_eq!(
             ran.out.trim(),
             "running",
@@ -228,6 +276,25 @@ impl Guest {
         self.image.join("id_ed25519")
     }
 
+    /// How a matrix file says the way to it, as root.
+    ///
+    /// # Panics
+    /// When the file with its host's key cannot be written.
+    #[must_use]
+    pub fn connect(&self) -> String {
+        let keys = std::fs::read_to_string(self.image.join("known_hosts")).expect("the image has its key");
+        let known_hosts = self.folder.path().join("known_hosts");
+        let place = format!("[127.0.0.1]:{}", self.port);
+        std::fs::write(&known_hosts, keys.replace("matrix-guest", &place))
+            .expect("the folder can be written");
+        format!(
+            "{{ssh: \"root@127.0.0.1:{}\", identity: {}, known_hosts: {}}}",
+            self.port,
+            self.ssh_key().display(),
+            known_hosts.display()
+        )
+    }
+
     fn copy(&self, from: &std::ffi::OsStr, to: &std::ffi::OsStr) {
         let output = self
             .ssh("scp")
@@ -316,63 +383,64 @@ impl Drop for Guest {
     }
 }
 
-/// Fails with what to install.
-pub(crate) fn require_programs() {
-    for (program, package) in [
-        (
-            "qemu-system-x86_64",
-            "qemu-system-x86 (where it conflicts with an installed qemu-utils: \
-             apt-get install -t bookworm-backports qemu-system-x86, with bookworm-backports among the sources)",
-        ),
-        ("ssh", "openssh-client"),
-        ("scp", "openssh-client"),
-    ] {
-        assert!(
-            is_installed(program),
-            "the guest needs {program}: apt-get install {package}"
-        );
-    }
-}
-
-/// QEMU and its arguments: those that every machine has, `more`, and `parameters` for the kernel. The disk is a
-/// temporary overlay that QEMU unlinks at once. An emulated processor leaks nothing to protect, and has no ATA and no KVM.
-pub(crate) fn machine(image: &Path, more: &[&str], parameters: &str) -> Vec<String> {
-    let image = image.display();
-    let common = [
-        "qemu-system-x86_64 -nodefaults -no-user-config -no-reboot -display none -cpu max -m 1024",
-        &format!("-kernel {image}/vmlinuz -initrd {image}/initrd"),
-        &format!("-drive file={image}/root.ext4,format=raw,if=virtio,snapshot=on,cache=unsafe"),
-    ];
-    common
-        .iter()
-        .chain(more)
-        .flat_map(|words| words.split(' '))
-        .map(str::to_owned)
-        .chain([
-            "-append".to_owned(),
-            format!(
-                "root=/dev/vda rw console=ttyS0 net.ifnames=0 panic=-1 quiet mitigations=off \
-                 modprobe.blacklist=ata_piix,ata_generic,kvm_amd,kvm_intel {parameters}"
+impl Model {
+    /// Fails with what to install.
+    pub(crate) fn require_programs(self) {
+        let qemu = self.qemu.split(' ').next().unwrap_or_default();
+        for (program, package) in [
+            (
+                qemu,
+                "qemu-system-x86 qemu-system-arm (where they conflict with an installed qemu-utils: \
+                 apt-get install -t bookworm-backports …, with bookworm-backports among the sources)",
             ),
-        ])
-        .collect()
-}
+            ("ssh", "openssh-client"),
+            ("scp", "openssh-client"),
+        ] {
+            assert!(
+                is_installed(program),
+                "the guest needs {program}: apt-get install {package}"
+            );
+        }
+    }
 
-/// The folder with the image, made if need be.
-pub(crate) fn image() -> PathBuf {
-    let build = Path::new(env!("CARGO_MANIFEST_DIR")).join("guest/build");
-    let output = Command::new(&build)
-        .stdin(Stdio::null())
-        .stderr(Stdio::inherit())
-        .output()
-        .expect("tests/guest/build starts");
-    let said = String::from_utf8_lossy(&output.stdout);
-    assert!(
-        output.status.success(),
-        "the guest's image could not be made; {} said above what is missing",
-        build.display()
-    );
-    PathBuf::from(said.trim_end())
+    /// QEMU and its arguments: those that every machine has, `more`, and `parameters` for the kernel beside its own.
+    pub(crate) fn command(self, image: &Path, more: &[&str], parameters: &str) -> Vec<String> {
+        let image = image.display().to_string();
+        let common = [
+            &self.qemu.replace("{image}", &image),
+            "-nodefaults -no-user-config -no-reboot -display none -m 1024",
+            &format!("-kernel {image}/vmlinuz -initrd {image}/initrd"),
+        ];
+        common
+            .iter()
+            .chain(more)
+            .flat_map(|words| words.split(' '))
+            .map(str::to_owned)
+            .chain([
+                "-append".to_owned(),
+                format!("net.ifnames=0 panic=-1 quiet {} {parameters}", self.parameters),
+            ])
+            .collect()
+    }
+
+    /// The folder with the image, made if need be.
+    pub(crate) fn image(self) -> PathBuf {
+        let [script, arguments @ ..] = self.recipe else {
+            panic!("a model has a recipe");
+        };
+        let output = Command::new(Path::new(env!("CARGO_MANIFEST_DIR")).join("..").join(script))
+            .args(arguments)
+            .stdin(Stdio::null())
+            .stderr(Stdio::inherit())
+            .output()
+            .expect("the recipe starts");
+        let said = String::from_utf8_lossy(&output.stdout);
+        assert!(
+            output.status.success(),
+            "the guest's image could not be made; {script} said above what is missing"
+        );
+        PathBuf::from(said.trim_end())
+    }
 }
 
 /// The last lines of a console.

@@ -3,7 +3,9 @@
 //! The tests are in `tests/`, this is what they share. The main type is [`Workplace`]; [`Guest`] is a machine with a
 //! kernel of its own.
 
+pub mod difference;
 mod guest;
+pub mod sshd;
 pub mod virtual_time;
 mod workload;
 
@@ -24,8 +26,8 @@ use serde_json::Value;
 use tempfile::TempDir;
 
 pub use crate::{
-    guest::Guest,
-    workload::{network_probe, workload_binary},
+    guest::{AARCH64, DEBIAN_12, Guest, I686, Model},
+    workload::{network_probe, workload_binary, workloads_for},
 };
 
 /// Where the `matrix` binary is; built first if need be, by the same cargo that runs the tests, in the profile
@@ -43,6 +45,13 @@ pub fn matrix_binary() -> &'static Path {
             .to_owned()
     })
 }
+
+/// A line below `workload:` for tests of what becomes of windows, not of what they are worth: however much of the machine
+/// others take, every whole window counts. That a disturbed one does not is tested where the rules are.
+pub const WHOLE_WINDOWS_COUNT: &str = "validity: {\
+    missed_deadlines: {suspect: 0.1%, invalid: never}, \
+    gap_steps: {suspect: 5, invalid: never}, \
+    release_lateness: {suspect: 1ms, invalid: never}}";
 
 /// A folder to work in, with a state folder and, unless it measures for real, a lease of its own.
 pub struct Workplace {

@@ -1,5 +1,5 @@
 //! The guest in virtual time: its clock counts instructions, one a nanosecond, and not what the machine under it takes
-//! for them. The main function is [`run`].
+//! for them. The main functions are [`run`] and [`follow`].
 //!
 //! The emulated processor is never interrupted and never waits for its turn, so that times measured in it are those of
 //! its kernel and programs alone, the same on a busy machine and on an idle one (QEMU, `docs/devel/tcg-icount.rst`).
@@ -15,7 +15,7 @@ use std::{
     time::{Duration, Instant},
 };
 
-use crate::guest;
+use crate::guest::{self, DEBIAN_12};
 
 /// Real time that a script may take. Half a minute of the guest's takes about a minute on an idle machine.
 const PATIENCE: Duration = Duration::from_secs(1800);
@@ -30,10 +30,20 @@ const LOOK: Duration = Duration::from_millis(100);
 /// When it cannot be booted, or the script fails or does not end, with the end of the console.
 #[must_use]
 pub fn run(files: &[&Path], script: &str) -> String {
-    guest::require_programs();
-    let image = guest::image();
+    follow(files, script, &mut |_| {})
+}
+
+/// The same, and hands on each line of the console, where the script's other output goes, as it comes.
+///
+/// # Panics
+/// As [`run`].
+#[must_use]
+pub fn follow(files: &[&Path], script: &str, line: &mut dyn FnMut(&str)) -> String {
+    DEBIAN_12.require_programs();
+    let image = DEBIAN_12.image();
     let folder = tempfile::tempdir().expect("a folder for the guest");
     let place = |name: &str| folder.path().join(name);
+    let read = |name: &str| String::from_utf8_lossy(&fs::read(place(name)).unwrap_or_default()).into_owned();
     pack(files, script, folder.path());
     let said = File::create(place("qemu")).expect("the folder can be written");
     let mut keeper = Command::new("sh");
@@ -48,12 +58,24 @@ pub fn run(files: &[&Path], script: &str) -> String {
     // While this is open, so is the machine.
     let alive = keeper.stdin.take();
     let deadline = Instant::now() + PATIENCE;
-    while matches!(keeper.try_wait(), Ok(None)) && Instant::now() < deadline {
+    let mut followed = 0;
+    loop {
+        let ended = !matches!(keeper.try_wait(), Ok(None));
+        let console = read("console");
+        let lines = || {
+            console
+                .split_inclusive('\n')
+                .take_while(|line| line.ends_with('\n'))
+        };
+        lines().skip(followed).for_each(|text| line(text.trim_end()));
+        followed = lines().count();
+        if ended || Instant::now() > deadline {
+            break;
+        }
         thread::sleep(LOOK);
     }
     drop(alive);
     let _ = keeper.wait();
-    let read = |name: &str| String::from_utf8_lossy(&fs::read(place(name)).unwrap_or_default()).into_owned();
     let console = read("console");
     assert!(
         console.contains("the script ended with 0"),
@@ -89,7 +111,7 @@ fn machine(image: &Path, folder: &Path) -> Vec<String> {
                 mount -t tmpfs t /media; mount -t tmpfs t /run; mount -t tmpfs t /tmp; tar xf /dev/vdb -C /media; \
                 stty -F /dev/ttyS1 raw; sh /media/script; echo the script ended with $?; echo o > /proc/sysrq-trigger; \
                 sleep 1000\"";
-    guest::machine(
+    DEBIAN_12.command(
         image,
         &[
             "-accel tcg,thread=single -icount shift=0,sleep=off,align=off -smp 1",

@@ -2,6 +2,7 @@
 
 use std::{
     path::{Path, PathBuf},
+    process::{Command, Stdio},
     sync::OnceLock,
 };
 
@@ -49,4 +50,22 @@ fn target_directory() -> PathBuf {
     folder
         .expect("tests run from cargo's target directory")
         .to_owned()
+}
+
+/// The folder with the workloads for other machines, made by the builder: as `MATRIX_WORKLOADS` names it.
+///
+/// # Panics
+/// When the builder fails; it has said why.
+#[must_use]
+pub fn workloads_for(machines: &[&str]) -> PathBuf {
+    let target = target_directory();
+    let builder = Path::new(env!("CARGO_MANIFEST_DIR")).join("../workload/builder/build");
+    let built = Command::new(builder)
+        .args(machines)
+        .env("CARGO_TARGET_DIR", &target)
+        .stdin(Stdio::null())
+        .status()
+        .expect("the builder starts");
+    assert!(built.success(), "workload/builder/build {machines:?} failed");
+    target.join("workloads")
 }

@@ -70,6 +70,45 @@ fn a_run_killed_after_any_line_is_whole_after_resume() {
     }
 }
 
+#[test]
+fn what_is_left_to_do_is_told_and_not_done() {
+    let workplace = Workplace::new();
+    workplace.write(
+        "m.yaml",
+        format!("{FAKE}providers:\n  fake: {{window_takes: 1h}}\n"),
+    );
+    let mut running = workplace.start(&["run", "m.yaml"]);
+    running.wait_for("measuring window 1");
+    running.kill();
+    let directory = workplace.run_directory();
+    let journal = || std::fs::read(directory.join("events.jsonl")).unwrap();
+    let before = journal();
+    let path = directory.to_str().unwrap();
+    let left = workplace.json(&["resume", path, "--dry-run"]);
+    let scenarios = left["scenarios"].as_array().unwrap();
+    assert_eq!(scenarios.len(), 2, "{left:#}");
+    for scenario in scenarios {
+        assert_eq!(scenario["windows"], serde_json::json!([1, 2, 3, 4]), "{left:#}");
+    }
+    let begun: Vec<_> = scenarios
+        .iter()
+        .filter(|scenario| scenario["environment"].is_string())
+        .collect();
+    assert_eq!(begun.len(), 1, "{left:#}");
+    let text = workplace.run(&["resume", path, "--dry-run"]).out;
+    for words in ["windows 1, 2, 3, 4", begun[0]["environment"].as_str().unwrap()] {
+        assert!(text.contains(words), "{words} is not in {text}");
+    }
+    assert!(journal() == before, "nothing was done");
+
+    let workplace = Workplace::new();
+    workplace.write("m.yaml", FAKE);
+    assert_eq!(workplace.run(&["run", "m.yaml"]).code, Some(0));
+    let directory = workplace.run_directory();
+    let left = workplace.json(&["resume", directory.to_str().unwrap(), "--dry-run"]);
+    assert_eq!(left["scenarios"], serde_json::json!([]), "{left:#}");
+}
+
 /// What `matrix clean` finds of a run; other tests may be at work on the same engine.
 fn left_behind(workplace: &Workplace, directory: &str) -> Vec<Value> {
     let clean = workplace.json(&["clean", "--dry-run"]);

@@ -3,7 +3,7 @@
 use std::process::Command;
 
 use serde_json::Value;
-use tests::Workplace;
+use tests::{WHOLE_WINDOWS_COUNT, Workplace};
 
 /// Windows of eight periods of one second: the test can reject at that size, and the way through is the whole way.
 const MATRIX: &str = "\
@@ -27,7 +27,7 @@ fn find<'a>(rows: &'a Value, id: &str) -> &'a Value {
 #[test]
 fn native_and_docker_are_measured_and_compared_as_in_the_paper() {
     let workplace = Workplace::measuring();
-    workplace.write("matrix.yaml", MATRIX);
+    workplace.write("matrix.yaml", format!("{MATRIX}  {WHOLE_WINDOWS_COUNT}\n"));
     let mut running = workplace.start(&["run", "matrix.yaml"]);
     let before = running.wait_for("window 4 complete");
     let memory = running.peak_memory_kib();

@@ -7,7 +7,7 @@ use std::{
 };
 
 use serde_json::Value;
-use tests::{Guest, Ran, workload_binary};
+use tests::{Guest, Ran, matrix_binary, workload_binary};
 
 /// Far more than anything here takes; it only ends a hopeless wait.
 const HOPELESS: Duration = Duration::from_secs(240);
@@ -291,6 +291,117 @@ fn what_is_left_when_all_was_killed_goes_with_the_next_network_and_others_bridge
     assert_eq!(turn.shell("ovs-vsctl list-br"), "mxtheirs\ns1\n");
     turn.guest
         .expect(&["ovs-vsctl", "del-br", "s1", "--", "del-br", "mxtheirs"]);
+}
+
+/// The `matrix` command in the guest, in a new folder that has a matrix file with Mininet's network.
+struct Matrix<'a> {
+    turn: &'a Turn,
+    folder: String,
+}
+
+impl<'a> Matrix<'a> {
+    fn new(turn: &'a Turn, name: &str, window: &str) -> Self {
+        let folder = format!("/root/{name}");
+        // It is linked to the C library of the machine that built it, which must not be newer than the guest's.
+        if turn.guest.run(&["test", "-e", "/root/matrix"]).code != Some(0) {
+            turn.guest.put(matrix_binary(), "/root/matrix");
+        }
+        turn.guest.expect(&["/root/matrix", "--version"]);
+        let file = format!(
+            "matrix:\n  virtualization: [native]\n\
+             workload:\n  windows: 1\n  window: {window}\n  period: 5s\n  network: {{backend: mininet}}\n"
+        );
+        turn.guest.expect(&[
+            "sh",
+            "-c",
+            "mkdir \"$0\" && printf %s \"$1\" >\"$0/m.yaml\"",
+            &folder,
+            &file,
+        ]);
+        Self { turn, folder }
+    }
+
+    /// As the guest's shell is told of it.
+    fn line(&self, arguments: &str) -> String {
+        let folder = &self.folder;
+        format!("cd {folder} && MATRIX_STATE_DIR={folder}/state exec /root/matrix {arguments}")
+    }
+
+    fn run(&self, arguments: &str) -> Ran {
+        self.turn.guest.run(&["sh", "-c", &self.line(arguments)])
+    }
+
+    /// A file of the one scenario of the one run.
+    fn file(&self, name: &str) -> String {
+        let path = format!("{}/runs/*/scenarios/*/{name}", self.folder);
+        self.turn.guest.expect(&["sh", "-c", &format!("cat {path}")])
+    }
+}
+
+#[test]
+fn matrix_run_measures_on_mininets_network_and_the_run_directory_tells_of_it() {
+    let turn = turn();
+    let matrix = Matrix::new(&turn, "whole", "10s");
+    let plan = matrix.run("plan m.yaml");
+    assert_eq!(plan.code, Some(0), "{plan:?}");
+    let ran = matrix.run("run m.yaml");
+    let record: Value = serde_json::from_str(&matrix.file("window-1/window.json")).expect("it is JSON");
+    assert_eq!(record["complete"], true, "{record}");
+    // On an emulated processor steps are late and the window may not count: it is measured all the same.
+    assert_eq!(ran.code, Some(0), "{ran:?}\n{record}");
+    let text = matrix.file("network.txt");
+    for part in [
+        "# ovs-vsctl show\n",
+        "# ovs-ofctl dump-flows ",
+        "is_connected: true",
+        "nw_src=10.0.0.3,nw_dst=10.0.0.2",
+        "qdisc netem 10: parent 5:1 limit 1000 delay 10ms  1ms loss 1%",
+    ] {
+        assert!(text.contains(part), "{part:?} is missing in\n{text}");
+    }
+    assert_eq!(turn.left(), "");
+    let clean = matrix.run("clean");
+    assert_eq!(clean.code, Some(0), "{clean:?}");
+    assert!(!clean.out.contains("bridge"), "{clean:?}");
+}
+
+#[test]
+fn matrix_clean_removes_the_bridge_of_a_run_that_was_killed_with_all_its_processes() {
+    let turn = turn();
+    let matrix = Matrix::new(&turn, "cut", "600s");
+    let mut running = turn.start(&["sh", "-c", &matrix.line("run m.yaml")].map(str::to_owned));
+    turn.wait_until(
+        "measuring",
+        "grep -q measuring /root/cut/state/environments/*/data/progress.jsonl",
+    );
+    // The one that would resume it, the workload, and the program that holds the network.
+    turn.guest.expect(&[
+        "pkill",
+        "-9",
+        "-f",
+        "^/root/matrix run|--environment matrix-|network.py",
+    ]);
+    running.wait().expect("ssh ends");
+    turn.wait_until(
+        "the end of all processes",
+        "! ps -eo args | grep -qE '[m]ininet:|[o]vs-testcontroller'",
+    );
+    let bridge = turn.shell(&format!("ovs-vsctl list-br | grep ^{OURS}"));
+    assert_eq!(
+        bridge.lines().count(),
+        1,
+        "the bridge is Open vSwitch's: {bridge}"
+    );
+
+    let dry = matrix.run("clean --dry-run");
+    assert_eq!(dry.code, Some(0), "{dry:?}");
+    assert!(dry.out.contains(bridge.trim()), "{dry:?}");
+    assert_eq!(turn.shell("ovs-vsctl list-br"), bridge, "it was only listed");
+    let clean = matrix.run("clean");
+    assert_eq!(clean.code, Some(0), "{clean:?}");
+    assert!(clean.out.contains(bridge.trim()), "{clean:?}");
+    assert_eq!(turn.shell("ovs-vsctl list-br"), "");
+    assert_eq!(turn.left(), "");
 }
 
 #[test]

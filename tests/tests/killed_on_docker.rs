@@ -9,7 +9,7 @@ use std::{
 
 use rstest::rstest;
 use serde_json::Value;
-use tests::Workplace;
+use tests::{WHOLE_WINDOWS_COUNT, Workplace};
 
 const MATRIX: &str = "\
 matrix:
@@ -127,7 +127,7 @@ fn assert_windows_are_whole(workplace: &Workplace) {
 #[case::discarding("environment-discarding")]
 fn a_run_killed_on_docker_is_whole_after_resume(#[case] moment: &str) {
     let workplace = Workplace::measuring();
-    workplace.write("m.yaml", MATRIX);
+    workplace.write("m.yaml", format!("{MATRIX}  {WHOLE_WINDOWS_COUNT}\n"));
     kill_at(&workplace, moment);
     let directory = workplace.run_directory();
     let directory = directory.to_str().unwrap();

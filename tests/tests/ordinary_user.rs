@@ -6,7 +6,7 @@ use std::{
     process::{Command, Stdio},
 };
 
-use tests::{Workplace, matrix_binary};
+use tests::{WHOLE_WINDOWS_COUNT, Workplace, matrix_binary};
 
 /// `nobody` on Debian; it owns nothing.
 const NOBODY: u32 = 65_534;
@@ -21,8 +21,11 @@ fn nobody_measures_natively_and_is_told_why_docker_is_out_of_reach() {
     let workplace = Workplace::measuring();
     workplace.write(
         "m.yaml",
-        "matrix:\n  virtualization: [native, docker]\n\
-         workload:\n  windows: 2\n  window: 2s\n  period: 1s\n  reference: {amplitude_m: 0.05}\n",
+        format!(
+            "matrix:\n  virtualization: [native, docker]\n\
+             workload:\n  windows: 2\n  window: 2s\n  period: 1s\n  reference: {{amplitude_m: 0.05}}\n  \
+             {WHOLE_WINDOWS_COUNT}\n"
+        ),
     );
     // The build folder may be where nobody may not look.
     let binary = workplace.path().join("matrix");

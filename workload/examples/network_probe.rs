@@ -2,12 +2,17 @@
 //! delays, losses, reordering and throughput between `sta1` and `sta2`. Prints one line of JSON.
 //!
 //! ```sh
-//! network_probe '{"network": {"backend": "kernel"}}' --pings 3000 --every-us 10000 --pairs 2000 --seconds 10
+//! network_probe '{"network": {"backend": "kernel"}}' --pings 3000 --pairs 2000 --tcp-seconds 10 --flood-seconds 3
 //! ```
 //!
-//! All threads and both hosts are of this process, so that there is one clock.
+//! How far it is goes to standard error, a line a measurement. All threads and both hosts are of this process, so that
+//! there is one clock.
 
-#![allow(clippy::print_stdout, reason = "its result is what it prints")]
+#![allow(
+    clippy::print_stdout,
+    clippy::print_stderr,
+    reason = "its result is what it prints"
+)]
 
 use std::{
     error::Error,
@@ -39,7 +44,8 @@ const FULL_BYTES: usize = 1472;
 /// How much faster than the link the flood is.
 const FLOOD_FACTOR: f64 = 1.2;
 /// What TCP and the flood do first is left out of their rates.
-const WARM_UP_NS: i64 = 1_000_000_000;
+const WARM_UP_NS: i64 = SECOND_NS;
+const SECOND_NS: i64 = 1_000_000_000;
 
 #[derive(Debug, Parser)]
 struct Call {
@@ -54,9 +60,12 @@ struct Call {
     /// Pairs of packets, back to back.
     #[arg(long, default_value_t = 2000)]
     pairs: usize,
-    /// How long the throughput is measured, for TCP and then for UDP; 0 for not at all.
-    #[arg(long, default_value_t = 10)]
-    seconds: u64,
+    /// How long TCP's throughput is measured; 0 for not at all.
+    #[arg(long, default_value_t = 0)]
+    tcp_seconds: usize,
+    /// How long the throughput of full frames is measured; 0 for not at all.
+    #[arg(long, default_value_t = 0)]
+    flood_seconds: u64,
 }
 
 /// What was found.
@@ -64,7 +73,10 @@ struct Call {
 struct Found {
     pings: Pings,
     pairs: Pairs,
-    throughput: Option<Throughput>,
+    /// Bits of payload that one TCP connection carried in each second; it always has something to send.
+    tcp_bits_per_second: Vec<f64>,
+    /// Ethernet frames of 1514 bytes, more of them than the link carries; headers count.
+    flood_bits_per_second: Option<f64>,
     links: Vec<LinkRecord>,
     transcript: Option<String>,
 }
@@ -90,15 +102,6 @@ struct Pairs {
     gap_ns: f64,
 }
 
-/// Bits of payload per second.
-#[derive(Debug, Serialize)]
-struct Throughput {
-    /// One TCP connection that always has something to send.
-    tcp_bits_per_second: f64,
-    /// Ethernet frames of 1514 bytes, more of them than the link carries; headers count.
-    flood_bits_per_second: f64,
-}
-
 fn main() -> Outcome<()> {
     network::become_namespace_root()?;
     let call = Call::parse();
@@ -109,29 +112,37 @@ fn main() -> Outcome<()> {
     let network = network::open(&settings.network, 85)?;
     network.impair()?;
     let network = &*network;
+    tell("the network is up");
     let pings = ping(network, call.pings, Duration::from_micros(call.every_us))?;
+    tell(&format!("{} round trips", call.pings));
     let pairs = send_pairs(network, call.pairs, Duration::from_micros(call.every_us))?;
+    tell(&format!("{} pairs", call.pairs));
     let links = network.links();
-    let throughput = match call.seconds {
-        0 => None,
-        seconds => Some(Throughput {
-            tcp_bits_per_second: tcp(network, seconds)?,
-            flood_bits_per_second: flood(
-                network,
-                seconds,
-                settings.network.bandwidth.bits_per_second() as f64,
-            )?,
-        }),
-    };
+    let mut tcp_bits_per_second = Vec::new();
+    if call.tcp_seconds > 0 {
+        tcp_bits_per_second = tcp(network, call.tcp_seconds)?;
+        tell(&format!("{} s of TCP", call.tcp_seconds));
+    }
+    let mut flood_bits_per_second = None;
+    if call.flood_seconds > 0 {
+        let bandwidth = settings.network.bandwidth.bits_per_second() as f64;
+        flood_bits_per_second = Some(flood(network, call.flood_seconds, bandwidth)?);
+        tell(&format!("{} s of full frames", call.flood_seconds));
+    }
     let found = Found {
         pings,
         pairs,
-        throughput,
+        tcp_bits_per_second,
+        flood_bits_per_second,
         links,
         transcript: network.transcript(),
     };
     println!("{}", serde_json::to_string(&found)?);
     network.failure().map_or(Ok(()), |failure| Err(failure.into()))
+}
+
+fn tell(what: &str) {
+    eprintln!("network_probe: {what}");
 }
 
 /// Runs two halves of a measurement, each in its host and as urgent as a control loop. The far one is ready, with its
@@ -299,26 +310,36 @@ fn send_pairs(network: &dyn Network, count: usize, every: Duration) -> Outcome<P
     })
 }
 
-/// Payload that arrived from the end of the warm-up on.
-fn tcp(network: &dyn Network, seconds: u64) -> Outcome<f64> {
-    let end_ns = WARM_UP_NS + nanoseconds(Duration::from_secs(seconds));
-    let take = |listener: TcpListener| {
+/// Payload that arrived in each second from the end of the warm-up on.
+fn tcp(network: &dyn Network, seconds: usize) -> Outcome<Vec<f64>> {
+    let (connected, is_connected) = std::sync::mpsc::channel();
+    let take = move |listener: TcpListener| {
+        // Accepting has no end where nobody connects; why not, the other half says.
+        if is_connected.recv().is_err() {
+            return Ok(Vec::new());
+        }
         let (mut stream, _) = listener.accept()?;
         let mut buffer = vec![0; 1 << 16];
-        let (begin_ns, mut counted) = (monotonic_ns(), 0_usize);
+        let begin_ns = monotonic_ns() + WARM_UP_NS;
+        let mut bits = vec![0.0; seconds];
         loop {
             let bytes = stream.read(&mut buffer)?;
-            let since_ns = monotonic_ns() - begin_ns;
-            if bytes == 0 || since_ns > end_ns {
-                return Ok(counted as f64 * 8e9 / (end_ns - WARM_UP_NS) as f64);
+            if bytes == 0 {
+                return Err("the sender of TCP ended early".into());
             }
-            if since_ns >= WARM_UP_NS {
-                counted += bytes;
+            let second = (monotonic_ns() - begin_ns).div_euclid(SECOND_NS);
+            // Negative is the warm-up.
+            if let Ok(second) = usize::try_from(second) {
+                match bits.get_mut(second) {
+                    Some(bits) => *bits += bytes as f64 * 8.0,
+                    None => return Ok(bits),
+                }
             }
         }
     };
-    let send = || {
+    let send = move || {
         let mut stream = TcpStream::connect(address(VirtualHost::Sta2))?;
+        connected.send(())?;
         let buffer = vec![0; 1 << 16];
         // Until the other side has had enough.
         while stream.write(&buffer).is_ok() {}

@@ -6,12 +6,14 @@
 //!
 //! Pure parts, which also run in virtual time: [`settings`], [`quantity`], [`reference`], [`plant`], [`controller`],
 //! [`simulation`]. Parts with effects: [`network`], [`capture`], [`ros`], [`realtime`], [`experiment`]. What they leave
-//! behind is described in [`record`].
+//! behind is described in [`record`]. [`detached`] keeps a workload on a host that its user comes and goes to.
 
 pub mod capture;
 pub mod causes;
 mod cgroup;
+mod companion;
 pub mod controller;
+pub mod detached;
 pub mod enter;
 pub mod experiment;
 pub mod network;

@@ -19,7 +19,7 @@ use clap::{Args, Parser, Subcommand, builder::PossibleValuesParser};
 use nix::sys::signal::{SigSet, Signal};
 use workload::{
     causes::with_causes,
-    enter,
+    detached, enter,
     experiment::{self, Ending, ExperimentError, Reporter, Request},
     network,
     record::progress::{Part, Progress},
@@ -49,6 +49,9 @@ enum Command {
     Rehearse(Rehearse),
     /// Run a program inside a virtual host of a workload that runs: `workload enter $(pidof workload) h1 rostopic list`.
     Enter(Enter),
+    /// Keep a workload that goes on by itself: start it, follow it, bring its data, remove it.
+    #[command(subcommand)]
+    Detached(detached::Verb),
 }
 
 #[derive(Debug, Args)]
@@ -129,6 +132,7 @@ fn main() -> ExitCode {
         Command::Check(call) => check(&call),
         Command::Rehearse(call) => rehearse(&call),
         Command::Enter(call) => enter(&call),
+        Command::Detached(verb) => detached::run(&verb),
     }
 }
 

@@ -246,10 +246,10 @@ pub fn open(settings: &NetworkSettings, emulator_priority: u8) -> Result<Box<dyn
 ///
 /// # Errors
 /// What is missing.
-pub fn survey(backend: NetworkBackend) -> Result<(), NetworkError> {
-    match backend {
+pub fn survey(settings: &NetworkSettings) -> Result<(), NetworkError> {
+    match settings.backend {
         NetworkBackend::Userspace => userspace::survey(),
-        NetworkBackend::Kernel => kernel::survey(),
+        NetworkBackend::Kernel => kernel::survey(settings),
         NetworkBackend::Mininet => mininet::survey(),
     }
 }

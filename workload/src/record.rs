@@ -5,6 +5,7 @@
 
 pub mod check;
 pub mod control_log;
+pub mod detached;
 pub mod platform;
 pub mod progress;
 pub mod window;

@@ -5,9 +5,13 @@
 
 use serde::{Deserialize, Serialize};
 
+mod need;
 mod validity;
 
-pub use self::validity::{Limit, Limits, ValiditySettings};
+pub use self::{
+    need::Need,
+    validity::{Limit, Limits, ValiditySettings},
+};
 use crate::quantity::{BitRate, Bytes, Fraction, Frequency, TimeSpan};
 
 /// Everything that the experiment inside one environment depends on.
@@ -223,20 +227,10 @@ impl NetworkBackend {
             Self::Mininet => "mininet",
         }
     }
-
-    /// The programs that it needs beside the workload itself.
-    #[must_use]
-    pub const fn programs(self) -> &'static [&'static str] {
-        match self {
-            Self::Userspace => &[],
-            Self::Kernel => &["ip", "tc"],
-            Self::Mininet => &["Mininet", "a running Open vSwitch"],
-        }
-    }
 }
 
 /// What an interface of the kernel does for TCP. The TAP devices of `userspace` never do any of it.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize)]
 #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 #[serde(rename_all = "lowercase")]
 pub enum Offloads {
@@ -270,7 +264,7 @@ impl Default for RosSettings {
 }
 
 /// Which program is the ROS master.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize)]
 #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 #[serde(rename_all = "lowercase")]
 pub enum RosMaster {
@@ -298,7 +292,7 @@ pub struct CaptureSettings {
 }
 
 /// What captures.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize)]
 #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 #[serde(rename_all = "lowercase")]
 pub enum CaptureTool {

@@ -30,6 +30,13 @@ use crate::{
 /// The workload's version.
 pub const VERSION: &str = env!("CARGO_PKG_VERSION");
 
+/// The machine that this program was built for, as `uname -m` names it. The kernel may be another's.
+pub const MACHINE: &str = if cfg!(target_arch = "x86") {
+    "i686"
+} else {
+    std::env::consts::ARCH
+};
+
 /// The platform as it is now, with what was granted of the real-time wishes.
 #[must_use]
 pub fn platform(realtime: RealtimeGrant) -> PlatformRecord {
@@ -40,6 +47,7 @@ pub fn platform(realtime: RealtimeGrant) -> PlatformRecord {
     PlatformRecord {
         format: record::FORMAT,
         machine,
+        workload_machine: Some(MACHINE.to_owned()),
         os: read("/etc/os-release")
             .map(|text| os_name(&text))
             .unwrap_or_default(),
@@ -80,7 +88,7 @@ pub fn platform(realtime: RealtimeGrant) -> PlatformRecord {
 /// [`network::become_namespace_root`] first and hand over what it said.
 #[must_use]
 pub fn check(settings: &Settings, namespace_root: Result<(), network::NetworkError>) -> CheckRecord {
-    let network = namespace_root.and_then(|()| network::survey(settings.network.backend));
+    let network = namespace_root.and_then(|()| network::survey(&settings.network));
     let checks = vec![
         Check {
             name: "network".into(),

@@ -3,73 +3,55 @@
 
 #![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic, clippy::print_stderr)]
 
+mod real_network;
+
 use std::{
-    fs::File,
     io::{BufRead, BufReader, Read, Write},
-    net::{SocketAddr, TcpListener, TcpStream, UdpSocket},
+    net::{TcpListener, TcpStream, UdpSocket},
     path::Path,
     process::{Child, Command, ExitCode, Stdio},
     thread,
-    time::{Duration, Instant, SystemTime},
+    time::{Duration, Instant},
 };
 
-use libtest_mimic::{Arguments, Failed, Trial};
 use nix::{
     sys::signal::{Signal, kill},
     unistd::Pid,
 };
-use pcap_file::pcap::PcapReader;
+use real_network::{PORT, Packet, address, capture, next_window, read_capture, unix_now_ns, within};
 use workload::{
-    capture::{Capture, CaptureError, CapturedWindow},
-    network::{self, Network},
-    record::window::CaptureRecord,
+    capture::{Capture, CaptureError},
+    network::Network,
     settings::{CaptureSettings, CaptureTool, NetworkSettings},
     virtual_host::VirtualHost,
 };
 
 fn main() -> ExitCode {
-    if let Err(error) = network::become_namespace_root() {
-        eprintln!("{error}\nhint: {:?}", error.hint());
-        return ExitCode::FAILURE;
-    }
-    let test = |name: &str, test: fn()| {
-        Trial::test(name, move || {
-            test();
-            Ok::<_, Failed>(())
-        })
-    };
-    let mut arguments = Arguments::from_args();
-    // One after the other: they measure times.
-    arguments.test_threads = Some(1);
-    let tests = vec![
-        test(
+    real_network::run([
+        (
             "tshark_and_tcpdump_read_every_packet_and_find_nothing_wrong",
             read_by_the_tools,
         ),
-        test(
+        (
             "tcpdump_beside_a_capture_sees_the_same_packets",
             tcpdump_beside_it,
         ),
-        test(
+        (
             "captures_by_tcpdump_itself_have_every_packet_in_its_window",
             by_tcpdump_itself,
         ),
-        test("a_filter_keeps_what_it_names_with_either_tool", filtered),
-        test(
+        ("a_filter_keeps_what_it_names_with_either_tool", filtered),
+        (
             "an_expression_that_tcpdump_does_not_know_is_refused_in_its_words",
             refused,
         ),
-    ];
-    libtest_mimic::run(&arguments, tests).exit_code()
+    ])
 }
-
-const PORT: u16 = 4712;
-const PATIENCE: Duration = Duration::from_secs(20);
 
 fn read_by_the_tools() {
     let folder = tempfile::tempdir().unwrap();
     let network = open();
-    let captures = VirtualHost::ALL.map(|host| start(&*network, host, &CaptureSettings::default()));
+    let captures = VirtualHost::ALL.map(|host| capture(&*network, host, &CaptureSettings::default()));
     let files = VirtualHost::ALL.map(|host| folder.path().join(format!("{host}.pcap")));
     for (capture, file) in captures.iter().zip(&files) {
         capture.begin_window(file.clone(), unix_now_ns()).unwrap();
@@ -77,7 +59,7 @@ fn read_by_the_tools() {
     talk(&*network);
     for (capture, file) in captures.iter().zip(&files) {
         capture.end(unix_now_ns()).unwrap();
-        let record = completed(capture);
+        let record = next_window(capture);
         let file = file.to_str().unwrap();
         let rows = tool(
             "tshark",
@@ -108,15 +90,15 @@ fn tcpdump_beside_it() {
     let folder = tempfile::tempdir().unwrap();
     let [ours, theirs] = ["ours.pcap", "theirs.pcap"].map(|name| folder.path().join(name));
     let network = open();
-    let capture = start(&*network, VirtualHost::Sta1, &CaptureSettings::default());
+    let capture = capture(&*network, VirtualHost::Sta1, &CaptureSettings::default());
     capture.begin_window(ours.clone(), unix_now_ns()).unwrap();
     let tcpdump = within(&*network, VirtualHost::Sta1, |_| RunningTcpdump::start(&theirs));
     talk(&*network);
     let ended_ns = unix_now_ns();
     capture.end(ended_ns).unwrap();
-    let record = completed(&capture);
+    let record = next_window(&capture);
     tcpdump.end();
-    let [ours, mut theirs] = [ours, theirs].map(|file| read(&file));
+    let [ours, mut theirs] = [ours, theirs].map(|file| read_capture(&file));
     // The connection's last words come after the window.
     theirs.retain(|packet| packet.stamp_unix_ns < ended_ns);
     assert_eq!(record.packets as usize, ours.len());
@@ -131,8 +113,8 @@ fn by_tcpdump_itself() {
         tool: CaptureTool::Tcpdump,
         ..CaptureSettings::default()
     };
-    let captures =
-        [CaptureSettings::default(), settings].map(|settings| start(&*network, VirtualHost::Sta1, &settings));
+    let captures = [CaptureSettings::default(), settings]
+        .map(|settings| capture(&*network, VirtualHost::Sta1, &settings));
     let began_ns = unix_now_ns();
     // In the midst of what is said.
     let boundary_ns = began_ns + 700_000_000;
@@ -147,10 +129,10 @@ fn by_tcpdump_itself() {
     }
     let [ours, theirs] = captures
         .each_ref()
-        .map(|capture| [completed(capture), completed(capture)]);
+        .map(|capture| [next_window(capture), next_window(capture)]);
     for window in [1, 2] {
         let [ours, theirs] =
-            [0, 1].map(|number| read(&folder.path().join(format!("{number}-{window}.pcap"))));
+            [0, 1].map(|number| read_capture(&folder.path().join(format!("{number}-{window}.pcap"))));
         assert!(ours.len() > 50, "window {window}: {} packets", ours.len());
         assert_same(&ours, &theirs);
     }
@@ -177,7 +159,7 @@ fn filtered() {
             snaplen: workload::quantity::Bytes::new(96),
             ..CaptureSettings::default()
         };
-        start(&*network, VirtualHost::Sta2, &settings)
+        capture(&*network, VirtualHost::Sta2, &settings)
     });
     let files = tools.map(|tool| folder.path().join(format!("{tool:?}.pcap")));
     for (capture, file) in captures.iter().zip(&files) {
@@ -186,8 +168,8 @@ fn filtered() {
     talk(&*network);
     let [ours, theirs] = [0, 1].map(|index| {
         captures[index].end(unix_now_ns()).unwrap();
-        completed(&captures[index]);
-        read(&files[index])
+        next_window(&captures[index]);
+        read_capture(&files[index])
     });
     // Links lose none of them in this test.
     assert_eq!(ours.len(), usize::try_from(DATAGRAMS).unwrap());
@@ -218,9 +200,9 @@ fn refused() {
 /// Checksums are checked, and our bytes are nobody's protocol: tshark would guess one by the port that the kernel chose.
 const AS_WE_MEAN_IT: [&str; 10] = [
     "-d",
-    "tcp.port==4712,data",
+    "tcp.port==4711,data",
     "-d",
-    "udp.port==4712,data",
+    "udp.port==4711,data",
     "-o",
     "ip.check_checksum:TRUE",
     "-o",
@@ -348,64 +330,11 @@ fn tool(name: &str, arguments: &[&str]) -> String {
     String::from_utf8(output.stdout).unwrap()
 }
 
+/// One that loses nothing.
 fn open() -> Box<dyn Network> {
-    let settings = NetworkSettings {
+    real_network::open(&NetworkSettings {
         loss: "0%".parse().unwrap(),
         seed: Some(7),
         ..NetworkSettings::default()
-    };
-    let network =
-        network::open(&settings, 85).unwrap_or_else(|error| panic!("{error:?}, hint: {:?}", error.hint()));
-    network.impair().unwrap();
-    network
-}
-
-fn start(network: &dyn Network, host: VirtualHost, settings: &CaptureSettings) -> Capture {
-    Capture::start(network, host, settings)
-        .unwrap_or_else(|error| panic!("{error:?}, hint: {:?}", error.hint()))
-}
-
-fn completed(capture: &Capture) -> CaptureRecord {
-    let CapturedWindow { outcome, .. } = capture.completed().recv_timeout(PATIENCE).unwrap();
-    outcome.unwrap()
-}
-
-fn address(host: VirtualHost) -> SocketAddr {
-    SocketAddr::from((host.address(), PORT))
-}
-
-/// Does something on a host, whose address it is given.
-fn within<T: Send>(network: &dyn Network, host: VirtualHost, what: impl FnOnce(SocketAddr) -> T + Send) -> T {
-    thread::scope(|scope| {
-        let doing = scope.spawn(|| {
-            network.enter(host).unwrap();
-            what(address(host))
-        });
-        doing.join().unwrap()
     })
-}
-
-fn unix_now_ns() -> i64 {
-    let since = SystemTime::now().duration_since(SystemTime::UNIX_EPOCH).unwrap();
-    since.as_nanos() as i64
-}
-
-struct Packet {
-    stamp_unix_ns: i64,
-    original_bytes: usize,
-    bytes: Vec<u8>,
-}
-
-fn read(file: &Path) -> Vec<Packet> {
-    let mut reader = PcapReader::new(File::open(file).unwrap()).unwrap();
-    let mut packets = Vec::new();
-    while let Some(packet) = reader.next_raw_packet() {
-        let packet = packet.unwrap();
-        packets.push(Packet {
-            stamp_unix_ns: i64::from(packet.ts_sec) * 1_000_000_000 + i64::from(packet.ts_frac),
-            original_bytes: packet.orig_len as usize,
-            bytes: packet.data.to_vec(),
-        });
-    }
-    packets
 }

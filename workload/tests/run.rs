@@ -17,13 +17,16 @@ use nix::{
     unistd::Pid,
 };
 use sha2::{Digest, Sha256};
-use workload::record::{
-    FORMAT,
-    check::CheckRecord,
-    control_log::ControlRow,
-    platform::SurveyRecord,
-    progress::Progress,
-    window::{Verdict, WindowRecord},
+use workload::{
+    record::{
+        FORMAT,
+        check::CheckRecord,
+        control_log::ControlRow,
+        platform::SurveyRecord,
+        progress::Progress,
+        window::{Verdict, WindowRecord},
+    },
+    survey,
 };
 
 /// Two windows of two periods, 100 steps each.
@@ -183,6 +186,7 @@ fn a_run_measures_contiguous_windows_with_all_their_files() {
     let platform = &survey.before;
     assert_eq!(survey.after.as_ref().unwrap().kernel, platform.kernel);
     assert_eq!(survey.changes, Vec::new());
+    assert_eq!(platform.workload_machine.as_deref(), Some(survey::MACHINE));
     assert_eq!(platform.realtime.priority_asked, 80);
     assert_eq!(
         platform.realtime.priority_granted == 0,

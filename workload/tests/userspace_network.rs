@@ -3,74 +3,55 @@
 
 #![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic, clippy::print_stderr)]
 
+mod real_network;
+
 use std::{
     collections::{HashMap, HashSet},
-    fs::File,
     io::ErrorKind,
     net::{SocketAddr, UdpSocket},
-    path::Path,
     process::ExitCode,
     thread,
-    time::{Duration, Instant, SystemTime},
+    time::{Duration, Instant},
 };
 
-use libtest_mimic::{Arguments, Failed, Trial};
-use pcap_file::{TsResolution, pcap::PcapReader};
+use real_network::{Packet, address, next_window, open, open_unimpaired, read_capture, unix_now_ns, within};
 use workload::{
-    capture::{Capture, CapturedWindow},
+    capture::Capture,
     network::{self, Network},
-    quantity::Fraction,
+    quantity::{Bytes, Fraction},
     record::window::{CaptureRecord, PassRecord},
-    settings::{CaptureSettings, NetworkBackend, NetworkSettings},
+    settings::{CaptureSettings, NetworkSettings},
     virtual_host::VirtualHost,
 };
 
 fn main() -> ExitCode {
-    if let Err(error) = network::become_namespace_root() {
-        eprintln!(
-            "{error}: {:?}\nhint: {:?}",
-            std::error::Error::source(&error),
-            error.hint()
-        );
-        return ExitCode::FAILURE;
-    }
-    let test = |name: &str, test: fn()| {
-        Trial::test(name, move || {
-            test();
-            Ok::<_, Failed>(())
-        })
-    };
-    let mut arguments = Arguments::from_args();
-    // One after the other: they measure times.
-    arguments.test_threads = Some(1);
-    let tests = vec![
-        test(
+    real_network::run([
+        (
             "a_survey_finds_what_the_network_needs",
             a_survey_finds_what_the_network_needs,
         ),
-        test(
+        (
             "a_given_seed_is_the_one_that_is_used_and_told",
             a_given_seed_is_used_and_told,
         ),
-        test(
+        (
             "the_network_is_as_slow_and_lossy_as_the_settings_ask",
             slow_and_lossy_as_asked,
         ),
-        test(
+        (
             "a_network_carries_at_once_and_without_loss_until_it_is_impaired",
             at_once_until_impaired,
         ),
-        test("tcp_gets_most_of_the_bandwidth", tcp_gets_most_of_the_bandwidth),
-        test(
+        ("tcp_gets_most_of_the_bandwidth", tcp_gets_most_of_the_bandwidth),
+        (
             "contiguous_windows_share_all_packets_and_end_in_a_quiet_network",
             contiguous_windows,
         ),
-        test(
+        (
             "a_capture_cuts_packets_and_keeps_their_length",
             a_capture_cuts_packets,
         ),
-    ];
-    libtest_mimic::run(&arguments, tests).exit_code()
+    ])
 }
 
 /// Round trips that are tried.
@@ -79,10 +60,9 @@ const PINGS: u64 = 3000;
 const PING_EVERY: Duration = Duration::from_millis(2);
 /// Nothing is under way for longer than this.
 const LONGEST: Duration = Duration::from_millis(500);
-const PORT: u16 = 4711;
 
 fn a_survey_finds_what_the_network_needs() {
-    network::survey(NetworkBackend::Userspace).unwrap();
+    network::survey(&NetworkSettings::default()).unwrap();
 }
 
 fn a_given_seed_is_used_and_told() {
@@ -99,7 +79,7 @@ fn slow_and_lossy_as_asked() {
         seed: Some(7),
         ..NetworkSettings::default()
     });
-    let captures = VirtualHost::ALL.map(|host| capture(&*network, host, 65_535));
+    let captures = VirtualHost::ALL.map(|host| capture_of(&*network, host, 65_535));
     let files = VirtualHost::ALL.map(|host| folder.path().join(format!("{host}.pcap")));
     for (capture, file) in captures.iter().zip(&files) {
         capture.begin_window(file.clone(), unix_now_ns()).unwrap();
@@ -194,7 +174,7 @@ fn captures_have_what_happened(pings: &Pings, records: &[CaptureRecord; 3], pack
         assert_eq!(record.packets, packets.len() as u64, "{record:?}");
         for packet in packets {
             assert_eq!(packet.original_bytes, packet.bytes.len());
-            packet.assert_checksums_hold();
+            assert_checksums_hold(packet);
         }
     }
     let [h1, sta1, sta2] = packets;
@@ -258,7 +238,7 @@ fn contiguous_windows() {
         seed: Some(7),
         ..NetworkSettings::default()
     });
-    let capture = capture(&*network, VirtualHost::Sta1, 65_535);
+    let capture = capture_of(&*network, VirtualHost::Sta1, 65_535);
     let first_ns = unix_now_ns();
     let second_ns = first_ns + 300_000_000;
     let [first, second, never] = ["1", "2", "3"].map(|name| folder.path().join(name));
@@ -297,7 +277,7 @@ fn a_capture_cuts_packets() {
         seed: Some(7),
         ..NetworkSettings::default()
     });
-    let capture = capture(&*network, VirtualHost::Sta1, 96);
+    let capture = capture_of(&*network, VirtualHost::Sta1, 96);
     capture.begin_window(file.clone(), unix_now_ns()).unwrap();
     let client = udp(&*network, VirtualHost::Sta1);
     for _ in 0..5 {
@@ -378,58 +358,17 @@ fn receive_all(socket: &UdpSocket, mut then: impl FnMut(&[u8], SocketAddr)) -> V
     }
 }
 
-fn open(settings: &NetworkSettings) -> Box<dyn Network> {
-    let network = open_unimpaired(settings);
-    network.impair().unwrap();
-    network
-}
-
-fn open_unimpaired(settings: &NetworkSettings) -> Box<dyn Network> {
-    network::open(settings, 85).unwrap_or_else(|error| panic!("{error:?}, hint: {:?}", error.hint()))
-}
-
-fn capture(network: &dyn Network, host: VirtualHost, snaplen: u64) -> Capture {
-    let snaplen = workload::quantity::Bytes::new(snaplen);
-    Capture::start(
-        network,
-        host,
-        &CaptureSettings {
-            snaplen,
-            ..CaptureSettings::default()
-        },
-    )
-    .unwrap()
-}
-
-fn next_window(capture: &Capture) -> CaptureRecord {
-    let CapturedWindow { outcome, .. } = capture.completed().recv_timeout(Duration::from_secs(10)).unwrap();
-    outcome.unwrap()
-}
-
-fn address(host: VirtualHost) -> SocketAddr {
-    SocketAddr::from((host.address(), PORT))
+/// A capture on a host that keeps so much of each packet.
+fn capture_of(network: &dyn Network, host: VirtualHost, snaplen: u64) -> Capture {
+    let settings = CaptureSettings {
+        snaplen: Bytes::new(snaplen),
+        ..CaptureSettings::default()
+    };
+    real_network::capture(network, host, &settings)
 }
 
 fn udp(network: &dyn Network, host: VirtualHost) -> UdpSocket {
     within(network, host, |address| UdpSocket::bind(address).unwrap())
-}
-
-/// Opens something on a host, whose address it is given.
-fn within<T: Send>(network: &dyn Network, host: VirtualHost, open: impl FnOnce(SocketAddr) -> T + Send) -> T {
-    thread::scope(|scope| {
-        let opening = scope.spawn(|| {
-            network.enter(host).unwrap();
-            open(address(host))
-        });
-        opening.join().unwrap()
-    })
-}
-
-fn unix_now_ns() -> i64 {
-    SystemTime::now()
-        .duration_since(SystemTime::UNIX_EPOCH)
-        .unwrap()
-        .as_nanos() as i64
 }
 
 fn lost(passes: &[PassRecord]) -> u64 {
@@ -457,28 +396,6 @@ fn binomial_probability(k: u64, n: u64, p: f64) -> f64 {
     (log_choose + k as f64 * p.ln() + (n - k) as f64 * (-p).ln_1p()).exp()
 }
 
-/// A packet of a capture.
-struct Packet {
-    stamp_unix_ns: i64,
-    original_bytes: usize,
-    bytes: Vec<u8>,
-}
-
-fn read_capture(file: &Path) -> Vec<Packet> {
-    let mut reader = PcapReader::new(File::open(file).unwrap()).unwrap();
-    assert_eq!(reader.header().ts_resolution, TsResolution::NanoSecond);
-    let mut packets = Vec::new();
-    while let Some(packet) = reader.next_raw_packet() {
-        let packet = packet.unwrap();
-        packets.push(Packet {
-            stamp_unix_ns: i64::from(packet.ts_sec) * 1_000_000_000 + i64::from(packet.ts_frac),
-            original_bytes: packet.orig_len as usize,
-            bytes: packet.data.into_owned(),
-        });
-    }
-    packets
-}
-
 /// The numbers of the datagrams that went from one host to another, and when.
 fn stamps(packets: &[Packet], (from, to): (VirtualHost, VirtualHost)) -> HashMap<u64, i64> {
     let between = |packet: &&Packet| {
@@ -492,22 +409,20 @@ fn stamps(packets: &[Packet], (from, to): (VirtualHost, VirtualHost)) -> HashMap
         .collect()
 }
 
-impl Packet {
-    /// RFC 791 and RFC 768: the ones' complement sum over header or datagram, its checksum included, is all ones.
-    fn assert_checksums_hold(&self) {
-        assert_eq!(
-            self.bytes[12..14],
-            [0x08, 0x00],
-            "IPv4 and nothing else: {:02x?}",
-            self.bytes
-        );
-        let (header, datagram) = self.bytes[14..].split_at(20);
-        assert_eq!(header[9], 17, "UDP and nothing else");
-        assert_eq!(ones_complement_sum(header), 0xffff);
-        assert_ne!(datagram[6..8], [0, 0], "UDP has a checksum");
-        let pseudo = [&header[12..20], &[0, 17], &datagram[4..6], datagram].concat();
-        assert_eq!(ones_complement_sum(&pseudo), 0xffff);
-    }
+/// RFC 791 and RFC 768: the ones' complement sum over header or datagram, its checksum included, is all ones.
+fn assert_checksums_hold(packet: &Packet) {
+    assert_eq!(
+        packet.bytes[12..14],
+        [0x08, 0x00],
+        "IPv4 and nothing else: {:02x?}",
+        packet.bytes
+    );
+    let (header, datagram) = packet.bytes[14..].split_at(20);
+    assert_eq!(header[9], 17, "UDP and nothing else");
+    assert_eq!(ones_complement_sum(header), 0xffff);
+    assert_ne!(datagram[6..8], [0, 0], "UDP has a checksum");
+    let pseudo = [&header[12..20], &[0, 17], &datagram[4..6], datagram].concat();
+    assert_eq!(ones_complement_sum(&pseudo), 0xffff);
 }
 
 fn ones_complement_sum(bytes: &[u8]) -> u32 {

@@ -1,11 +1,11 @@
-//! `matrix check FILE`: whether a matrix file is right.
+//! `matrix check FILE`: whether a matrix file is right, and what of it cannot run here.
 
 use std::path::PathBuf;
 
 use clap::Args;
 use serde_json::json;
 
-use super::plan::{Planned, plan};
+use super::plan::{self, Planned, plan};
 use crate::{
     arguments::{OutputArguments, SelectionArguments},
     exit::Exit,
@@ -30,10 +30,17 @@ pub struct CheckArguments {
 pub async fn execute(arguments: &CheckArguments) -> Result<Exit, Complaint> {
     let Planned { plan, .. } = plan(&arguments.file, &arguments.selection, arguments.output).await?;
     let scenarios = plan.record.scenarios.len();
+    let infeasible = || plan.record.scenarios.iter().filter(|scenario| !scenario.feasible);
     if arguments.output.json {
         terminal::json(&json!({
             "ok": true,
             "scenarios": scenarios,
+            "infeasible": infeasible().map(|scenario| json!({
+                "id": scenario.id,
+                "slug": scenario.slug,
+                "reason": scenario.reason,
+                "fix": scenario.fix,
+            })).collect::<Vec<_>>(),
             "warnings": plan.warnings.to_json(),
         }));
     } else {
@@ -41,6 +48,9 @@ pub async fn execute(arguments: &CheckArguments) -> Result<Exit, Complaint> {
             "{}: right, {scenarios} scenarios",
             arguments.file.display()
         ));
+        if infeasible().next().is_some() {
+            terminal::result(&plan::lines(infeasible()));
+        }
     }
     Ok(Exit::Done)
 }

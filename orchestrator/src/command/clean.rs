@@ -1,17 +1,25 @@
-//! `matrix clean`: lists what earlier runs left behind on this machine, then removes only that.
+//! `matrix clean`: lists what earlier runs left behind on this machine and on the others that they went to, then removes only
+//! that.
 //!
-//! Ours is what carries our labels or lies in our state folder, and belongs to this user. What a live `matrix` works
+//! Elsewhere only what belongs to the runs of this user is ours: others may use the same account. Here ours is what carries our labels or lies in our state folder, and belongs to this user. What a live `matrix` works
 //! with is never touched: its run directory is locked.
 
+use std::{collections::BTreeSet, sync::Arc};
+
 use clap::Args;
+use serde::Deserialize as _;
 use serde_json::json;
 use workload::causes::with_causes;
 
 use crate::{
     arguments::OutputArguments,
     exit::Exit,
+    host::{self, Here, Host},
     lease,
+    matrix_file::Connection,
     provider::{self, Leftover, Provider, ProviderError},
+    run::register::{self, Entry},
+    state_directory::StateDirectory,
     terminal::{self, Complaint},
 };
 
@@ -56,6 +64,53 @@ impl Fate {
     }
 }
 
+/// A host that is asked.
+struct Asked {
+    host: Arc<dyn Host>,
+    /// The runs of this user that went there; none on this machine, where all is ours.
+    runs: Option<BTreeSet<String>>,
+}
+
+impl Asked {
+    fn is_ours(&self, leftover: &Leftover) -> bool {
+        match (&self.runs, &leftover.run) {
+            (Some(runs), Some(run)) => runs.contains(run),
+            // What runs share, and what is on this machine.
+            (_, None) | (None, _) => true,
+        }
+    }
+}
+
+/// This machine and those that the runs went to, each once however they call it.
+fn hosts(entries: &[Entry], state: &StateDirectory) -> Vec<Asked> {
+    let mut elsewhere: Vec<(Connection, Asked)> = Vec::new();
+    for entry in entries {
+        for host in &entry.hosts {
+            let Ok(connection) = Connection::deserialize(&host.connect) else {
+                continue;
+            };
+            if !elsewhere.iter().any(|(known, _)| *known == connection) {
+                let asked = Asked {
+                    host: host::of(&host.name, &connection, state),
+                    runs: Some(BTreeSet::new()),
+                };
+                elsewhere.push((connection.clone(), asked));
+            }
+            let known = elsewhere.iter_mut().find(|(known, _)| *known == connection);
+            if let Some(runs) = known.and_then(|(_, asked)| asked.runs.as_mut()) {
+                runs.insert(entry.run.clone());
+            }
+        }
+    }
+    let here = Asked {
+        host: Arc::new(Here::new("localhost", state.clone())),
+        runs: None,
+    };
+    std::iter::once(here)
+        .chain(elsewhere.into_iter().map(|(_, asked)| asked))
+        .collect()
+}
+
 /// Lists and removes.
 ///
 /// # Errors
@@ -63,21 +118,29 @@ impl Fate {
 pub async fn execute(arguments: &CleanArguments) -> Result<Exit, Complaint> {
     let mut found = Vec::new();
     let mut silent = Vec::new();
-    for provider in provider::all() {
-        match provider.leftovers().await {
-            Ok(leftovers) => {
-                for leftover in leftovers {
-                    let fate = fate(provider.as_ref(), &leftover, arguments.dry_run).await;
-                    if !arguments.output.json {
-                        terminal::result(&line(&leftover, &fate));
-                    }
-                    found.push(Found { leftover, fate });
+    let state = StateDirectory::of_this_user();
+    let entries = register::entries(&state);
+    for asked in hosts(&entries, &state) {
+        for provider in provider::all(&asked.host) {
+            let mut leftovers = match provider.leftovers().await {
+                Ok(leftovers) => leftovers,
+                // No engine, no leftovers that could be reached: worth a remark, not a failure.
+                Err(error) => {
+                    silent.push(Silent::of(&asked, provider.name(), error));
+                    continue;
                 }
+            };
+            leftovers.retain(|leftover| asked.is_ours(leftover));
+            for leftover in leftovers {
+                let fate = fate(provider.as_ref(), &leftover, arguments.dry_run).await;
+                if !arguments.output.json {
+                    terminal::result(&line(&asked, &leftover, &fate));
+                }
+                found.push(Found { leftover, fate });
             }
-            // No engine, no leftovers that could be reached: worth a remark, not a failure.
-            Err(error) => silent.push((provider.name(), error)),
         }
     }
+    forget(&entries, &state, &found, &silent);
     if arguments.output.json {
         terminal::json(&json!({
             "leftovers": found.iter().map(|found| json!({
@@ -91,16 +154,18 @@ pub async fn execute(arguments: &CleanArguments) -> Result<Exit, Complaint> {
                 "fate": found.fate.word(),
                 "reason": found.fate.refusal().map(|error| with_causes(error)),
             })).collect::<Vec<_>>(),
-            "not_asked": silent.iter().map(|(name, error)| json!({
-                "provider": name, "reason": error.to_string(),
+            "not_asked": silent.iter().map(|silent| json!({
+                "host": silent.host,
+                "provider": silent.provider,
+                "reason": silent.error.to_string(),
             })).collect::<Vec<_>>(),
         }));
     } else if !arguments.output.quiet {
         if found.is_empty() {
-            terminal::remark("nothing of ours is left on this machine");
+            terminal::remark("nothing of ours is left");
         }
-        for (name, error) in &silent {
-            terminal::remark(&format!("{name} could not be asked: {error}"));
+        for Silent { place, error, .. } in &silent {
+            terminal::remark(&format!("{place} could not be asked: {error}"));
         }
     }
     match found.iter().find_map(|found| found.fate.refusal()) {
@@ -108,6 +173,47 @@ pub async fn execute(arguments: &CleanArguments) -> Result<Exit, Complaint> {
         Some(_) if arguments.output.json => Ok(Exit::Infrastructure),
         Some(error) => Err(Complaint::new(Exit::Infrastructure, error, error.hint())),
         None => Ok(Exit::Done),
+    }
+}
+
+/// A provider that could not be asked.
+struct Silent {
+    host: String,
+    provider: &'static str,
+    /// In words.
+    place: String,
+    error: ProviderError,
+}
+
+impl Silent {
+    fn of(asked: &Asked, provider: &'static str, error: ProviderError) -> Self {
+        let host = asked.host.name().to_owned();
+        Self {
+            place: match asked.host.is_this_machine() {
+                true => provider.to_owned(),
+                false => format!("{provider} on {host}"),
+            },
+            host,
+            provider,
+            error,
+        }
+    }
+}
+
+/// Strikes the runs of which nothing is left anywhere. A run that goes on enters itself again.
+fn forget(entries: &[Entry], state: &StateDirectory, found: &[Found], silent: &[Silent]) {
+    for entry in entries {
+        let is_left = |found: &Found| {
+            found.leftover.run.as_ref() == Some(&entry.run) && !matches!(found.fate, Fate::Removed)
+        };
+        // One without an engine has no containers of ours.
+        let is_silent = |silent: &Silent| {
+            silent.provider == "native" && entry.hosts.iter().any(|host| host.name == silent.host)
+        };
+        if !found.iter().any(is_left) && !silent.iter().any(is_silent) {
+            // One that stays is only asked for once more.
+            let _ = entry.strike(state);
+        }
     }
 }
 
@@ -133,7 +239,7 @@ async fn fate(provider: &dyn Provider, leftover: &Leftover, only_list: bool) -> 
     }
 }
 
-fn line(leftover: &Leftover, fate: &Fate) -> String {
+fn line(asked: &Asked, leftover: &Leftover, fate: &Fate) -> String {
     let resource = &leftover.resource;
     let run = leftover
         .run
@@ -141,8 +247,12 @@ fn line(leftover: &Leftover, fate: &Fate) -> String {
         .map(|run| format!(" of run {run}"))
         .unwrap_or_default();
     let running = if leftover.running { ", still measuring" } else { "" };
+    let place = match asked.host.is_this_machine() {
+        true => String::new(),
+        false => format!(" on {}", asked.host.name()),
+    };
     format!(
-        "{}: {} {}{run}{running}",
+        "{}: {} {}{place}{run}{running}",
         fate.word(),
         resource.kind,
         resource.name

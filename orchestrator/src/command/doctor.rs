@@ -1,17 +1,22 @@
-//! `matrix doctor`: what this machine can do, what is missing and how to get it.
+//! `matrix doctor [FILE]`: what this machine, or each host of a matrix file, can do, what is missing and how to get it.
 
-use std::fmt::Write;
+use std::{fmt::Write, path::PathBuf, sync::Arc};
 
 use clap::Args;
 use serde_json::{Value, json};
-use workload::{record::check::Check, settings::NetworkBackend};
+use workload::{
+    causes::with_causes,
+    record::check::Check,
+    settings::{Need, Settings},
+};
 
 use crate::{
     arguments::OutputArguments,
     exit::Exit,
-    matrix_file::THIS_MACHINE,
-    plan::HostFacts,
-    provider::{self, Availability, ProviderSettings, Roster, native},
+    host::{Here, Host},
+    matrix_file::{MatrixFile, THIS_MACHINE},
+    plan::{HostFacts, Obstacle},
+    provider::{self, Availability, ProviderError, ProviderSettings, Roster, detached::Keeper},
     state_directory::StateDirectory,
     survey,
     terminal::{self, Complaint},
@@ -20,44 +25,102 @@ use crate::{
 /// What it takes.
 #[derive(Debug, Args)]
 pub struct DoctorArguments {
+    /// A matrix file, whose hosts are asked in place of this machine.
+    file: Option<PathBuf>,
     #[command(flatten)]
     pub(crate) output: OutputArguments,
+}
+
+/// What a host says.
+struct Answer {
+    name: String,
+    facts: HostFacts,
+    /// What the experiment needs; none where it could not be asked.
+    checks: Result<Vec<Check>, ProviderError>,
 }
 
 /// Asks every provider, and the workload itself, and prints what they say.
 ///
 /// # Errors
-/// When the workload's own check cannot be run.
+/// When the file is wrong, or the workload's own check cannot be run on this machine.
 pub async fn execute(arguments: &DoctorArguments) -> Result<Exit, Complaint> {
-    let facts = survey::this_machine(
-        THIS_MACHINE,
-        &provider::names(),
-        &NetworkBackend::ALL,
-        &Roster::new(ProviderSettings::default()),
-    )
-    .await;
-    let checks = native::check(&StateDirectory::of_this_user(), NetworkBackend::Userspace)
-        .await
-        .map_err(|error| Complaint::new(Exit::Infrastructure, &error, error.hint()))?
-        .checks;
+    let Some(path) = &arguments.file else {
+        return of_this_machine(arguments.output.json).await;
+    };
+    let file = MatrixFile::read(path, None).map_err(Complaint::of_mistakes)?;
+    let roster = survey::roster(&file);
+    let mut answers = Vec::new();
+    for host in roster.hosts() {
+        answers.push(ask(host, &roster).await);
+    }
     if arguments.output.json {
-        terminal::json(&json!({
-            "hardware": facts.hardware,
-            "os": facts.os,
-            "checks": checks,
-            "providers": facts.providers.iter().map(|(name, availability)| {
-                let mut answer = as_json(name, availability);
-                let networks = facts.networks.get(name).into_iter().flatten();
-                answer["networks"] = networks
-                    .map(|(backend, availability)| as_json(backend.name(), availability))
-                    .collect();
-                answer
-            }).collect::<Vec<_>>(),
-        }));
+        let hosts: Vec<_> = answers.iter().map(host_as_json).collect();
+        terminal::json(&json!({ "hosts": hosts }));
     } else {
-        terminal::result(&as_text(&facts, &checks));
+        let texts: Vec<_> = answers
+            .iter()
+            .map(|answer| as_text(&answer.name, answer))
+            .collect();
+        terminal::result(&texts.join("\n"));
     }
     Ok(Exit::Done)
+}
+
+async fn of_this_machine(json: bool) -> Result<Exit, Complaint> {
+    let here: Arc<dyn Host> = Arc::new(Here::new(THIS_MACHINE, StateDirectory::of_this_user()));
+    let roster = Roster::new(ProviderSettings::default(), [Arc::clone(&here)]);
+    let answer = ask(&here, &roster).await;
+    match answer.checks {
+        Err(error) => Err(Complaint::new(Exit::Infrastructure, &error, error.hint())),
+        Ok(_) if json => {
+            terminal::json(&host_as_json(&answer));
+            Ok(Exit::Done)
+        }
+        Ok(_) => {
+            terminal::result(&as_text("this machine", &answer));
+            Ok(Exit::Done)
+        }
+    }
+}
+
+async fn ask(host: &Arc<dyn Host>, roster: &Roster) -> Answer {
+    let name = host.name().to_owned();
+    let mut facts = survey::identity(Arc::clone(host)).await;
+    let defaults = Need::of(&Settings::default());
+    let checks = Keeper::new(Arc::clone(host)).check(&defaults).await;
+    if facts.obstacle.is_none() {
+        let everything = provider::NAMES
+            .into_iter()
+            .map(|name| (name.to_owned(), Need::each().into_iter().collect()))
+            .collect();
+        facts.providers = survey::ask(&name, everything, roster).await;
+    }
+    Answer {
+        name,
+        facts,
+        checks: checks.map(|record| record.checks),
+    }
+}
+
+fn host_as_json(answer: &Answer) -> Value {
+    let facts = &answer.facts;
+    json!({
+        "host": answer.name,
+        "hardware": facts.hardware,
+        "os": facts.os,
+        "kernel": facts.kernel,
+        "obstacle": facts.obstacle,
+        "checks": answer.checks.as_ref().ok(),
+        "providers": facts.providers.iter().map(|(name, provider)| {
+            let mut answer = as_json(name, &provider.availability);
+            answer["settings"] = provider
+                .needs
+                .iter()
+                .map(|(need, availability)| as_json(&need.to_string(), availability))
+                .collect();
+            answer
+        }).collect::<Vec<_>>(),
+    })
 }
 
 fn as_json(name: &str, availability: &Availability) -> Value {
@@ -69,11 +132,29 @@ fn as_json(name: &str, availability: &Availability) -> Value {
     }
 }
 
-fn as_text(facts: &HostFacts, checks: &[Check]) -> String {
+fn as_text(title: &str, answer: &Answer) -> String {
+    let facts = &answer.facts;
+    if let Some(Obstacle { reason, fix }) = &facts.obstacle {
+        let fix = fix.as_ref().map(|fix| format!("\n  fix: {fix}"));
+        return format!("{title}: {reason}{}\n", fix.unwrap_or_default());
+    }
     let mut text = format!(
-        "this machine: {}, {}\n\nwhat the experiment needs\n",
+        "{title}: {}, {}\n\nwhat the experiment needs\n",
         facts.hardware, facts.os
     );
+    let checks = match &answer.checks {
+        Ok(checks) => checks.as_slice(),
+        Err(error) => {
+            item(
+                &mut text,
+                "the workload",
+                "no",
+                Some(&with_causes(error)),
+                error.hint().as_deref(),
+            );
+            &[]
+        }
+    };
     for check in checks {
         let missing = if check.required {
             "MISSING"
@@ -90,10 +171,10 @@ fn as_text(facts: &HostFacts, checks: &[Check]) -> String {
         );
     }
     text.push_str("\nwhere it can run\n");
-    for (name, availability) in &facts.providers {
-        place(&mut text, name, availability);
-        for (backend, availability) in facts.networks.get(name).into_iter().flatten() {
-            place(&mut text, &format!("  {} network", backend.name()), availability);
+    for (name, provider) in &facts.providers {
+        place(&mut text, name, &provider.availability);
+        for (need, availability) in &provider.needs {
+            place(&mut text, &format!("  {need}"), availability);
         }
     }
     text
@@ -111,8 +192,8 @@ fn place(text: &mut String, name: &str, availability: &Availability) {
 
 fn item(text: &mut String, name: &str, standing: &str, reason: Option<&str>, fix: Option<&str>) {
     let reason = reason.map(|reason| format!(": {reason}")).unwrap_or_default();
-    let _ = writeln!(text, "  {name:18} {standing}{reason}");
+    let _ = writeln!(text, "  {name:28} {standing}{reason}");
     if let Some(fix) = fix {
-        let _ = writeln!(text, "  {:18} fix: {fix}", "");
+        let _ = writeln!(text, "  {:28} fix: {fix}", "");
     }
 }

@@ -1,19 +1,21 @@
 //! `matrix plan FILE`: every scenario, whether it can run here and why not, the order, the duration, what can be found.
 
 use std::{
+    collections::BTreeMap,
     fmt::Write,
     path::{Path, PathBuf},
     time::Duration,
 };
 
 use clap::Args;
+use reports::run_directory::PlannedScenario;
 use serde_json::{Value, json};
 
 use crate::{
     arguments::{OutputArguments, SelectionArguments},
     exit::Exit,
     matrix_file::MatrixFile,
-    plan::{self, Plan, Selection},
+    plan::{self, HostFacts, Plan, Selection},
     provider::Roster,
     survey,
     terminal::{self, Complaint},
@@ -36,8 +38,10 @@ pub struct Planned {
     pub file: MatrixFile,
     /// The plan.
     pub plan: Plan,
-    /// The providers that were asked.
+    /// The hosts and providers that were asked.
     pub roster: Roster,
+    /// What they said, by the hosts' names.
+    pub facts: BTreeMap<String, HostFacts>,
 }
 
 /// Plans and shows it.
@@ -64,7 +68,7 @@ pub async fn plan(
     output: OutputArguments,
 ) -> Result<Planned, Complaint> {
     let file = MatrixFile::read(path, selection.profile.as_deref()).map_err(Complaint::of_mistakes)?;
-    let roster = Roster::new(file.providers.clone());
+    let roster = survey::roster(&file);
     let facts = survey::survey(&file, &roster).await;
     let selected = Selection {
         only: selection.only.clone(),
@@ -74,7 +78,12 @@ pub async fn plan(
     if !plan.warnings.is_empty() && !output.quiet {
         terminal::mistakes(&plan.warnings);
     }
-    Ok(Planned { file, plan, roster })
+    Ok(Planned {
+        file,
+        plan,
+        roster,
+        facts,
+    })
 }
 
 /// The plan as JSON.
@@ -108,24 +117,7 @@ pub fn as_json(plan: &Plan) -> Value {
 #[must_use]
 pub fn as_text(plan: &Plan) -> String {
     let record = &plan.record;
-    let mut text = String::new();
-    let width = record
-        .scenarios
-        .iter()
-        .map(|scenario| scenario.slug.len())
-        .max()
-        .unwrap_or(0);
-    for scenario in &record.scenarios {
-        let standing = match (&scenario.reason, &scenario.not_selected) {
-            (Some(reason), _) => format!("infeasible: {reason}"),
-            (None, Some(why)) => why.clone(),
-            (None, None) => format!("on {}", scenario.host.as_deref().unwrap_or("this machine")),
-        };
-        let _ = writeln!(text, "{:>2}  {:width$}  {standing}", scenario.id, scenario.slug);
-        if let Some(fix) = &scenario.fix {
-            let _ = writeln!(text, "    {:width$}  fix: {fix}", "");
-        }
-    }
+    let mut text = lines(record.scenarios.iter());
     if record.order.is_empty() {
         text.push_str("nothing can run here\n");
         return text;
@@ -148,6 +140,26 @@ pub fn as_text(plan: &Plan) -> String {
             "smallest attainable p: {:.2e} at n = {}, m = {}, {can} alpha = {}",
             worst.p, worst.n, worst.m, attainable.alpha
         );
+    }
+    text
+}
+
+/// Scenarios for a person: where each runs, or why it does not.
+#[must_use]
+pub fn lines<'a>(scenarios: impl Iterator<Item = &'a PlannedScenario> + Clone) -> String {
+    let mut text = String::new();
+    let width = scenarios.clone().map(|scenario| scenario.slug.len()).max();
+    let width = width.unwrap_or(0);
+    for scenario in scenarios {
+        let standing = match (&scenario.reason, &scenario.not_selected) {
+            (Some(reason), _) => format!("infeasible: {reason}"),
+            (None, Some(why)) => why.clone(),
+            (None, None) => format!("on {}", scenario.host.as_deref().unwrap_or("this machine")),
+        };
+        let _ = writeln!(text, "{:>2}  {:width$}  {standing}", scenario.id, scenario.slug);
+        if let Some(fix) = &scenario.fix {
+            let _ = writeln!(text, "    {:width$}  fix: {fix}", "");
+        }
     }
     text
 }

@@ -3,6 +3,8 @@
 use std::path::PathBuf;
 
 use clap::Args;
+use reports::run_directory::PlannedScenario;
+use serde_json::{Value, json};
 
 use crate::{
     arguments::OutputArguments,
@@ -36,7 +38,12 @@ pub async fn execute(arguments: &ResumeArguments) -> Result<Exit, Complaint> {
     let directory = RecordedRun::directory(&arguments.run)?;
     RecordedRun::read(&directory)?;
     if arguments.dry_run {
-        terminal::result(&what_is_left(&RecordedRun::read(&directory)?));
+        let recorded = RecordedRun::read(&directory)?;
+        let left = what_is_left(&recorded);
+        match arguments.output.json {
+            true => terminal::json(&as_json(&recorded.manifest.run, &left)),
+            false => terminal::result(&as_text(&left)),
+        }
         return Ok(Exit::Done);
     }
     let _lock = session::lock(&directory)?;
@@ -59,31 +66,57 @@ pub async fn execute(arguments: &ResumeArguments) -> Result<Exit, Complaint> {
     report::after_run(&directory, exit, arguments.output)
 }
 
-fn what_is_left(recorded: &RecordedRun) -> String {
-    let mut text = String::new();
-    for planned in recorded.plan.scenarios.iter().filter(|planned| planned.runs()) {
-        let state = recorded.state.scenario(&planned.slug);
-        if state.is_settled() {
-            continue;
-        }
-        let windows: Vec<String> = state
-            .wanted(planned.settings.windows)
-            .iter()
-            .map(u32::to_string)
-            .collect();
-        let open = state
-            .open
-            .map(|open| format!(", after looking for {}", open.environment));
-        text.push_str(&format!(
+/// A scenario that a run is not done with.
+struct Left<'a> {
+    scenario: &'a PlannedScenario,
+    /// The windows that are not in the run directory.
+    windows: Vec<u32>,
+    /// The environment that may exist and is looked for first.
+    environment: Option<String>,
+}
+
+fn what_is_left(recorded: &RecordedRun) -> Vec<Left<'_>> {
+    let running = recorded.plan.scenarios.iter().filter(|planned| planned.runs());
+    let left = running.filter_map(|scenario| {
+        let state = recorded.state.scenario(&scenario.slug);
+        (!state.is_settled()).then(|| Left {
+            scenario,
+            windows: state.wanted(scenario.settings.windows),
+            environment: state.open.map(|open| open.environment),
+        })
+    });
+    left.collect()
+}
+
+fn as_json(run: &str, left: &[Left<'_>]) -> Value {
+    json!({
+        "run": run,
+        "scenarios": left.iter().map(|left| json!({
+            "id": left.scenario.id,
+            "slug": left.scenario.slug,
+            "host": left.scenario.host,
+            "windows": left.windows,
+            "environment": left.environment,
+        })).collect::<Vec<_>>(),
+    })
+}
+
+fn as_text(left: &[Left<'_>]) -> String {
+    if left.is_empty() {
+        return "nothing is left to do\n".to_owned();
+    }
+    let line = |left: &Left<'_>| {
+        let windows: Vec<String> = left.windows.iter().map(u32::to_string).collect();
+        let environment = left
+            .environment
+            .as_ref()
+            .map(|environment| format!(", after looking for {environment}"));
+        format!(
             "{}: windows {}{}\n",
-            planned.slug,
+            left.scenario.slug,
             windows.join(", "),
-            open.unwrap_or_default()
-        ));
-    }
-    if text.is_empty() {
-        "nothing is left to do\n".to_owned()
-    } else {
-        text
-    }
+            environment.unwrap_or_default()
+        )
+    };
+    left.iter().map(line).collect()
 }

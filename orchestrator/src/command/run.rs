@@ -3,7 +3,7 @@
 use std::{fs, path::PathBuf, time::SystemTime};
 
 use clap::Args;
-use reports::run_directory::{FORMAT, Manifest};
+use reports::run_directory::{FORMAT, HostRecord, Manifest};
 use sha2::{Digest, Sha256};
 
 use super::{
@@ -13,7 +13,7 @@ use super::{
 use crate::{
     arguments::{OutputArguments, SelectionArguments},
     exit::Exit,
-    journal,
+    journal, matrix_file,
     run::{
         record::RecordedRun,
         session::{self, Show},
@@ -105,8 +105,25 @@ fn manifest(arguments: &RunArguments, planned: &Planned) -> Result<Manifest, Com
         profile: arguments.selection.profile.clone(),
         seed: arguments.selection.seed,
         providers,
+        hosts: hosts(planned)?,
         report: planned.file.report.clone(),
     })
+}
+
+fn hosts(planned: &Planned) -> Result<Vec<HostRecord>, Complaint> {
+    let record = |host: &matrix_file::Host| {
+        let name = host.name.value.clone();
+        let facts = planned.facts.get(&name).cloned().unwrap_or_default();
+        Ok(HostRecord {
+            name,
+            connect: serde_json::to_value(&host.connection)?,
+            hardware: facts.hardware,
+            os: facts.os,
+            kernel: facts.kernel,
+        })
+    };
+    let records: Result<_, serde_json::Error> = planned.file.hosts.iter().map(record).collect();
+    records.map_err(|error| Complaint::new(Exit::Infrastructure, &error, None))
 }
 
 /// A name for a run: the time to the second, and what tells apart two that start within one.

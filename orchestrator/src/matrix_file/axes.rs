@@ -2,13 +2,13 @@
 //!
 //! What they expand to is the plan's matter.
 
-use std::{collections::BTreeSet, sync::Arc};
+use std::sync::Arc;
 
 use super::{
     diagnostic::{Code, Diagnostic, Diagnostics},
     source::{Source, Span, Spanned},
     spelling::{did_you_mean, propose},
-    sweep::{Role, VIRTUALIZATION, known_axes},
+    sweep::{Role, known_axes},
     tree::{Content, Node},
 };
 use crate::provider;
@@ -24,34 +24,6 @@ pub struct Axes {
     pub includes: Vec<Include>,
     /// Where the section stands.
     pub span: Span,
-}
-
-impl Axes {
-    /// All values that the section has for an axis, in its lists and its includes.
-    #[must_use]
-    pub fn values_of(&self, axis: &str) -> BTreeSet<&str> {
-        let listed = self.axes.iter().filter(|listed| listed.name.value == axis);
-        let listed = listed.flat_map(|listed| &listed.values);
-        let included = self.includes.iter().flat_map(|include| &include.values);
-        let included = included.filter(|given| given.axis.value == axis);
-        listed
-            .chain(included.map(|given| &given.value))
-            .map(|value| value.text.as_str())
-            .collect()
-    }
-
-    /// What the section names as `virtualization`, and native, which is what a combination without one gets.
-    #[must_use]
-    pub fn virtualizations(&self) -> BTreeSet<&str> {
-        let names = |axis: &Spanned<String>| axis.value == VIRTUALIZATION;
-        let without = !self.axes.iter().any(|axis| names(&axis.name))
-            || self
-                .includes
-                .iter()
-                .any(|include| !include.values.iter().any(|given| names(&given.axis)));
-        let native = without.then_some("native");
-        self.values_of(VIRTUALIZATION).into_iter().chain(native).collect()
-    }
 }
 
 /// One axis.
@@ -283,7 +255,7 @@ impl Section<'_> {
             self.wrong_type(node, "a word or a number");
             return None;
         };
-        if Role::of(axis) == Ok(Role::Virtualization) && !provider::names().contains(&text) {
+        if Role::of(axis) == Ok(Role::Virtualization) && !provider::NAMES.contains(&text) {
             let error = self
                 .error(
                     Code::UnknownValue,
@@ -291,7 +263,7 @@ impl Section<'_> {
                     format!("there is no virtualization `{text}`"),
                 )
                 .label("unknown value")
-                .help(propose(text, provider::names()));
+                .help(propose(text, provider::NAMES));
             self.found.push(error);
             return None;
         }

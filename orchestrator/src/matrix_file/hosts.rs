@@ -4,7 +4,7 @@ use std::{fmt, path::PathBuf, str::FromStr, sync::Arc};
 
 use schemars::JsonSchema;
 use serde::{
-    Deserialize, Deserializer,
+    Deserialize, Deserializer, Serialize, Serializer,
     de::{self, value::MapAccessDeserializer},
 };
 
@@ -42,7 +42,7 @@ pub enum Connection {
 }
 
 /// What a connection over SSH needs to know.
-#[derive(Debug, Clone, PartialEq, Eq, Deserialize, JsonSchema)]
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct Ssh {
     /// Where to, as `user@host:port`.
@@ -54,6 +54,9 @@ pub struct Ssh {
     /// A host to go through.
     #[serde(default)]
     pub jump: Option<SshAddress>,
+    /// The file with the host's key; those that `ssh` looks into when left out.
+    #[serde(default)]
+    pub known_hosts: Option<PathBuf>,
 }
 
 /// `user@host:port`, user and port optional, an IPv6 address in brackets.
@@ -155,6 +158,12 @@ impl<'de> Deserialize<'de> for SshAddress {
     }
 }
 
+impl Serialize for SshAddress {
+    fn serialize<S: Serializer>(&self, serializer: S) -> Result<S::Ok, S::Error> {
+        serializer.collect_str(self)
+    }
+}
+
 impl JsonSchema for SshAddress {
     fn schema_name() -> std::borrow::Cow<'static, str> {
         "SshAddress".into()
@@ -201,6 +210,16 @@ impl<'de> Deserialize<'de> for Connection {
             }
         }
         deserializer.deserialize_any(Visitor)
+    }
+}
+
+/// As it is written in a file.
+impl Serialize for Connection {
+    fn serialize<S: Serializer>(&self, serializer: S) -> Result<S::Ok, S::Error> {
+        match self {
+            Self::Local => serializer.serialize_str("local"),
+            Self::Ssh(ssh) => ssh.serialize(serializer),
+        }
     }
 }
 

@@ -57,7 +57,7 @@ pub fn schema() -> Value {
 fn matrix() -> Value {
     let value = json!({ "type": ["string", "number", "boolean"] });
     let axis = json!({ "type": "array", "minItems": 1, "uniqueItems": true, "items": value });
-    let virtualization = json!({ "enum": provider::names() });
+    let virtualization = json!({ "enum": provider::NAMES });
     let mut properties = json!({
         "hardware": with_description(&axis, "Hardware that hosts offer; the hosts give it when left out."),
         "os": with_description(&axis, "Operating systems that hosts offer; the hosts give them when left out."),

@@ -6,13 +6,16 @@ use rstest::rstest;
 
 use super::*;
 use crate::{
-    plan::{HostFacts, Selection, plan},
+    plan::{HostFacts, ProviderFacts, Selection, plan},
     provider::Availability,
 };
 
-fn works() -> Availability {
-    Availability::Available {
-        detail: "works".to_owned(),
+fn works() -> ProviderFacts {
+    ProviderFacts {
+        availability: Availability::Available {
+            detail: "works".to_owned(),
+        },
+        needs: BTreeMap::new(),
     }
 }
 
@@ -24,7 +27,7 @@ fn told(bytes: &[u8], profile: Option<&str>) -> Diagnostics {
             hardware: "x86_64".to_owned(),
             os: "debian-12".to_owned(),
             providers: ["native", "docker"].map(|name| (name.to_owned(), works())).into(),
-            networks: BTreeMap::new(),
+            ..HostFacts::default()
         },
     )]);
     let planned = MatrixFile::parse("matrix.yaml", bytes, profile)
@@ -217,28 +220,4 @@ fn the_schema_that_is_committed_is_current() {
         committed == current,
         "run `matrix schema > docs/matrix.schema.json`"
     );
-}
-
-#[rstest]
-#[case::as_listed("matrix: {virtualization: [docker, libvirt]}\n", &["docker", "libvirt"])]
-#[case::native_where_none_is_listed("matrix: {os: [debian-12]}\n", &["native"])]
-#[case::also_included("matrix:\n  virtualization: [docker]\n  include:\n    - {virtualization: native}\n", &["docker", "native"])]
-#[case::native_in_an_include_without_one(
-    "matrix:\n  virtualization: [docker]\n  include:\n    - {period: 50s}\n",
-    &["docker", "native"]
-)]
-fn what_a_matrix_names_is_what_hosts_are_asked_for(#[case] text: &str, #[case] named: &[&str]) {
-    let file = MatrixFile::parse("matrix.yaml", text.as_bytes(), None).unwrap();
-    assert_eq!(file.matrix.virtualizations(), named.iter().copied().collect());
-}
-
-#[test]
-fn the_values_of_an_axis_are_those_listed_and_those_included() {
-    let text = "matrix:\n  network.backend: [userspace]\n  include:\n    - {network.backend: kernel}\n";
-    let file = MatrixFile::parse("matrix.yaml", text.as_bytes(), None).unwrap();
-    assert_eq!(
-        file.matrix.values_of("network.backend"),
-        ["userspace", "kernel"].into()
-    );
-    assert!(file.matrix.values_of("network.loss").is_empty());
 }

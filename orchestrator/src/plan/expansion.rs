@@ -36,6 +36,12 @@ impl Combination {
         value_of(&self.axes, axis).map(|value| value.text.as_str())
     }
 
+    /// What makes its environment.
+    #[must_use]
+    pub fn virtualization(&self) -> &str {
+        self.value(VIRTUALIZATION).unwrap_or("native")
+    }
+
     /// The values that sweep a setting of the workload.
     pub fn sweeps(&self) -> impl Iterator<Item = (&str, &AxisValue)> {
         let values = self.axes.iter().map(|(axis, value)| (axis.as_str(), value));

@@ -3,11 +3,11 @@
 use std::collections::BTreeMap;
 
 use serde::{Deserialize, Serialize};
-use workload::settings::NetworkBackend;
+use workload::settings::Need;
 
 use super::expansion::Combination;
 use crate::{
-    matrix_file::{Connection, HARDWARE, Host, OS, VIRTUALIZATION, did_you_mean, list},
+    matrix_file::{HARDWARE, Host, OS, did_you_mean, list},
     provider::Availability,
 };
 
@@ -18,10 +18,21 @@ pub struct HostFacts {
     pub hardware: String,
     /// `ID` and `VERSION_ID` of os-release, such as `debian-12`.
     pub os: String,
-    /// For each provider by name, whether it can work there. One that is not in it was not asked.
-    pub providers: BTreeMap<String, Availability>,
-    /// For each provider by name, what it says of the networks. One that is not in it is known in the environment only.
-    pub networks: BTreeMap<String, BTreeMap<NetworkBackend, Availability>>,
+    /// As `uname -r` says it.
+    pub kernel: String,
+    /// Why it could not be asked what it is, if it could not; then no more is known.
+    pub obstacle: Option<Obstacle>,
+    /// What its providers say, by their names. One that is not in it was not asked.
+    pub providers: BTreeMap<String, ProviderFacts>,
+}
+
+/// What a survey found out about a provider on a host.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct ProviderFacts {
+    /// Whether it can work there at all.
+    pub availability: Availability,
+    /// Whether its environments meet what settings need. A need that is not in it is known in the environment only.
+    pub needs: BTreeMap<Need, Availability>,
 }
 
 /// What a host offers: what the matrix file says, completed by what the survey found.
@@ -33,7 +44,8 @@ pub struct Offer {
     pub hardware: String,
     /// Its operating system.
     pub os: String,
-    connection: Connection,
+    /// What is wrong with what the file says that it is.
+    contradiction: Option<Obstacle>,
     facts: Option<HostFacts>,
 }
 
@@ -49,7 +61,7 @@ impl Offer {
             host: host.name.value.clone(),
             hardware: or_found(&host.hardware, facts.map(|facts| &facts.hardware)),
             os: or_found(&host.os, facts.map(|facts| &facts.os)),
-            connection: host.connection.clone(),
+            contradiction: facts.and_then(|facts| contradiction(host, facts)),
             facts: facts.cloned(),
         }
     }
@@ -64,36 +76,91 @@ impl Offer {
         }
     }
 
-    /// Why it cannot make environments of a kind with a network, if it cannot.
-    fn obstacle(&self, virtualization: &str, backend: NetworkBackend) -> Option<Obstacle> {
-        if let Connection::Ssh(ssh) = &self.connection {
-            return Some(Obstacle {
-                reason: format!(
-                    "host `{}` is reached over SSH ({}), which this version cannot do yet",
-                    self.host, ssh.address
-                ),
-                fix: Some(format!(
-                    "run `matrix` on `{}` itself, with `connect: local`",
-                    self.host
-                )),
-            });
-        }
+    /// Why it cannot make environments of a kind that meet a need, if it cannot.
+    fn obstacle(&self, virtualization: &str, need: &Need) -> Option<Obstacle> {
         let Some(facts) = &self.facts else {
             return Some(Obstacle {
                 reason: format!("host `{}` was not asked what it can do", self.host),
                 fix: None,
             });
         };
-        let Some(availability) = facts.providers.get(virtualization) else {
+        if let Some(obstacle) = &facts.obstacle {
+            return Some(obstacle.clone());
+        }
+        // What is played needs no machine.
+        if virtualization != PLAYED
+            && let Some(contradiction) = &self.contradiction
+        {
+            return Some(contradiction.clone());
+        }
+        let Some(provider) = facts.providers.get(virtualization) else {
             return Some(Obstacle {
                 reason: format!("this version cannot make environments with `{virtualization}` yet"),
                 fix: None,
             });
         };
-        let network = || facts.networks.get(virtualization)?.get(&backend);
-        unavailable(availability).or_else(|| unavailable(network()?))
+        unavailable(&provider.availability).or_else(|| unavailable(provider.needs.get(need)?))
     }
 }
+
+/// The one virtualization that is a fake.
+const PLAYED: &str = "fake";
+
+/// What the file says that a host is, where it is something else. Values are names that a user chooses, such as `intel-i7`,
+/// so that only what is certainly another machine's or system's name counts.
+fn contradiction(host: &Host, facts: &HostFacts) -> Option<Obstacle> {
+    let differs = |axis: &str, said: &Option<String>, found: &str, is_other: fn(&str, &str) -> bool| {
+        let said = said.as_deref()?;
+        (!found.is_empty() && is_other(said, found)).then(|| Obstacle {
+            reason: format!(
+                "the file says `{axis}: {said}` of host `{}`, which is `{found}`",
+                host.name.value
+            ),
+            fix: Some(format!(
+                "write `{axis}: {found}`, leave it out, or connect to the host that was meant"
+            )),
+        })
+    };
+    differs(HARDWARE, &host.hardware, &facts.hardware, is_other_machine)
+        .or_else(|| differs(OS, &host.os, &facts.os, is_other_system))
+}
+
+/// Machines that are no other's, each by all its names.
+const MACHINES: [&[&str]; 6] = [
+    &["x86_64", "amd64", "x64"],
+    &["i686", "i586", "i386", "x86"],
+    &["aarch64", "arm64"],
+    &["armv7l", "armhf"],
+    &["riscv64"],
+    &["ppc64le"],
+];
+
+fn is_other_machine(said: &str, found: &str) -> bool {
+    let machine = |name: &str| MACHINES.iter().position(|names| names.contains(&name));
+    matches!((machine(said), machine(found)), (Some(said), Some(found)) if said != found)
+}
+
+/// By `ID` and `VERSION_ID` of os-release: another system's name, or the same with another number.
+fn is_other_system(said: &str, found: &str) -> bool {
+    let parts = |name: &str| {
+        let (id, version) = name.split_once('-').unwrap_or((name, ""));
+        let version = version
+            .starts_with(|c: char| c.is_ascii_digit())
+            .then(|| version.to_owned());
+        (id.to_owned(), version)
+    };
+    let ((said_id, said_version), (found_id, found_version)) = (parts(said), parts(found));
+    match said_id == found_id {
+        true => matches!((said_version, found_version), (Some(said), Some(found)) if said != found),
+        false => SYSTEMS.contains(&said_id.as_str()),
+    }
+}
+
+/// Names of systems that are no other's.
+const SYSTEMS: [&str; 12] = [
+    "alpine", "arch", "centos", "debian", "fedora", "macos", "opensuse", "osx", "rhel", "rocky", "ubuntu",
+    "windows",
+];
 
 /// Why a scenario cannot run.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
@@ -123,20 +190,22 @@ pub struct Placement {
     pub obstacle: Option<Obstacle>,
 }
 
-/// The first host that offers a combination's hardware and OS and can make its environment with its network; if none
-/// can, the first that offers them, with what stands in the way.
-#[must_use]
-pub fn place(combination: &Combination, backend: NetworkBackend, offers: &[Offer]) -> Placement {
-    let virtualization = combination.value(VIRTUALIZATION).unwrap_or("native");
-    let fits = |offer: &&Offer| {
+/// The hosts that offer a combination's hardware and OS.
+pub fn fitting<'a>(combination: &Combination, offers: &'a [Offer]) -> impl Iterator<Item = &'a Offer> {
+    offers.iter().filter(|offer| {
         [HARDWARE, OS]
             .iter()
             .all(|axis| combination.value(axis) == offer.get(axis))
-    };
-    let mut fitting: Vec<_> = offers
-        .iter()
-        .filter(fits)
-        .map(|offer| (offer.obstacle(virtualization, backend), offer))
+    })
+}
+
+/// The first host that offers a combination's hardware and OS and can make an environment that meets its need; if none
+/// can, the first that offers them, with what stands in the way.
+#[must_use]
+pub fn place(combination: &Combination, need: &Need, offers: &[Offer]) -> Placement {
+    let virtualization = combination.virtualization();
+    let mut fitting: Vec<_> = fitting(combination, offers)
+        .map(|offer| (offer.obstacle(virtualization, need), offer))
         .collect();
     // A stable sort: among equals the file's order decides.
     fitting.sort_by_key(|(obstacle, _)| obstacle.is_some());
@@ -171,6 +240,16 @@ fn no_host(combination: &Combination, offers: &[Offer]) -> Obstacle {
         .iter()
         .map(|offer| format!("{} {} ({})", offer.hardware, offer.os, offer.host))
         .collect();
+    // A host that did not answer may be the one that was meant.
+    let silent = offers
+        .iter()
+        .find_map(|offer| offer.facts.as_ref()?.obstacle.as_ref());
+    if let Some(silent) = silent {
+        return Obstacle {
+            reason: format!("{reason}; {}", silent.reason),
+            fix: silent.fix.clone(),
+        };
+    }
     Obstacle {
         reason,
         fix: Some(format!(

@@ -6,23 +6,24 @@ use proptest::prelude::*;
 use rstest::rstest;
 
 use super::*;
-use workload::settings::NetworkBackend;
-
 use crate::provider::Availability;
 
 /// A machine on which everything works.
 fn willing(hardware: &str, os: &str) -> HostFacts {
-    let available = || Availability::Available {
-        detail: "works".to_owned(),
+    let available = || ProviderFacts {
+        availability: Availability::Available {
+            detail: "works".to_owned(),
+        },
+        needs: BTreeMap::new(),
     };
     HostFacts {
         hardware: hardware.to_owned(),
         os: os.to_owned(),
-        providers: crate::provider::names()
+        providers: crate::provider::NAMES
             .iter()
             .map(|name| ((*name).to_owned(), available()))
             .collect(),
-        networks: BTreeMap::new(),
+        ..HostFacts::default()
     }
 }
 
@@ -65,7 +66,7 @@ fn the_papers_nine_scenarios_are_a_to_i_and_a_and_e_are_excluded_for_its_reasons
         .record
         .scenarios
         .iter()
-        .filter(|s| s.reason.as_deref().is_some_and(|r| !r.contains("SSH")));
+        .filter(|s| s.reason.as_deref().is_some_and(|r| !r.contains("was not asked")));
     assert_eq!(excluded.map(|s| s.id.as_str()).collect::<Vec<_>>(), ["a", "e"]);
     assert_eq!(plan.record.order, Vec::<String>::new());
     assert!(plan.warnings.is_empty(), "{}", plan.warnings);
@@ -208,7 +209,7 @@ fn an_include_may_leave_to_the_hosts_what_it_brings_back() {
             .reason
             .as_deref()
             .unwrap()
-            .contains("SSH")
+            .contains("was not asked")
     );
 }
 
@@ -225,7 +226,10 @@ const TWO_HOSTS: &str = "hosts:\n  one: {hardware: i686, os: ubuntu}\n  two: {ha
 fn hosts_give_what_no_axis_does(#[case] matrix: &str, #[case] expected: &[&str]) {
     let text = format!("{TWO_HOSTS}{matrix}\n");
     let file = MatrixFile::parse("matrix.yaml", text.as_bytes(), None).unwrap();
-    let facts = BTreeMap::from(["one", "two"].map(|name| (name.to_owned(), willing("x86_64", "debian-12"))));
+    let facts = BTreeMap::from([
+        ("one".to_owned(), willing("i686", "ubuntu-24.04")),
+        ("two".to_owned(), willing("aarch64", "osx")),
+    ]);
     let plan = plan(&file, &facts, &Selection::default(), 1).unwrap();
     let line = |s: &PlannedScenario| {
         if s.feasible {
@@ -263,13 +267,11 @@ fn a_combination_that_no_host_offers_says_so_and_what_was_meant() {
 fn what_a_provider_lacks_is_the_reason_and_its_fix_the_fix() {
     let file = MatrixFile::parse("m", b"matrix: {virtualization: [native, docker]}", None).unwrap();
     let mut facts = this_machine();
-    facts.get_mut("local").unwrap().providers.insert(
-        "docker".to_owned(),
-        Availability::Unavailable {
-            reason: "no engine answers".to_owned(),
-            fix: Some("apt-get install docker.io".to_owned()),
-        },
-    );
+    let here = facts.get_mut("local").unwrap();
+    here.providers.get_mut("docker").unwrap().availability = Availability::Unavailable {
+        reason: "no engine answers".to_owned(),
+        fix: Some("apt-get install docker.io".to_owned()),
+    };
     let plan = plan(&file, &facts, &Selection::default(), 1).unwrap();
     assert_eq!(
         plan.record.scenarios[1].reason.as_deref(),
@@ -370,19 +372,72 @@ proptest! {
     }
 }
 
-#[test]
-fn a_network_that_a_provider_cannot_have_makes_the_scenarios_with_it_infeasible() {
-    let text = "matrix:\n  virtualization: [native, docker]\n  network.backend: [userspace, kernel]\n";
+/// What is asked of this machine, a line for each provider and need; and nothing is of another.
+fn asked(text: &str) -> Vec<String> {
     let file = MatrixFile::parse("matrix.yaml", text.as_bytes(), None).unwrap();
     let mut facts = this_machine();
-    let lacks_netem = Availability::Unavailable {
-        reason: "netem is not in this kernel".to_owned(),
-        fix: Some("load sch_netem".to_owned()),
+    facts.values_mut().for_each(|host| host.providers.clear());
+    let mut questions = questions(&file, &facts);
+    let here = questions.remove("local").unwrap_or_default();
+    assert!(questions.is_empty(), "{questions:?}");
+    let lines = |(name, needs): (String, BTreeSet<Need>)| {
+        let line = |need| format!("{name}: {need}");
+        needs.into_iter().map(line).collect::<Vec<_>>()
     };
-    facts.get_mut("local").unwrap().networks.insert(
-        "native".to_owned(),
-        BTreeMap::from([(NetworkBackend::Kernel, lacks_netem)]),
-    );
+    here.into_iter().flat_map(lines).collect()
+}
+
+#[rstest]
+#[case::native_where_none_is_listed("matrix: {os: [debian-12]}\n", &["native: network.backend: userspace"])]
+#[case::one_need_of_many_scenarios(
+    "matrix:\n  virtualization: [docker]\n  network.loss: [0%, 1%, 5%]\n",
+    &["docker: network.backend: userspace"]
+)]
+#[case::an_axis_of_needs_and_a_need_of_all(
+    "matrix:\n  network.backend: [userspace, kernel]\nworkload: {ros: {master: rosmaster}}\n",
+    &["native: ros.master: rosmaster", "native: network.backend: kernel, ros.master: rosmaster"]
+)]
+#[case::what_an_include_adds_is_asked_of_those_it_is_added_to(
+    "matrix:\n  virtualization: [docker, native]\n  include:\n    - {virtualization: native, capture.tool: tcpdump}\n",
+    &["docker: network.backend: userspace", "native: capture.tool: tcpdump"]
+)]
+#[case::an_include_of_its_own(
+    "matrix:\n  virtualization: [docker]\n  include:\n    - {virtualization: fake, network.backend: mininet}\n",
+    &["docker: network.backend: userspace", "fake: network.backend: mininet"]
+)]
+#[case::nothing_for_what_is_excluded(
+    "matrix:\n  virtualization: [native, docker]\n  exclude:\n    - {virtualization: docker, reason: no}\n",
+    &["native: network.backend: userspace"]
+)]
+#[case::nothing_for_a_machine_that_is_not_here("matrix: {hardware: [i686]}\n", &[])]
+#[case::nothing_where_the_matrix_is_wrong("matrix: {network.backend: [kernel]}\nworkload: {window: 70s}\n", &[])]
+fn each_need_is_asked_once_of_the_providers_that_are_to_meet_it(#[case] text: &str, #[case] wanted: &[&str]) {
+    assert_eq!(asked(text), wanted);
+}
+
+#[rstest]
+#[case::network("network.backend: [userspace, kernel]", serde_json::json!({"network": {"backend": "kernel"}}), "backend-kernel")]
+#[case::master("ros.master: [embedded, rosmaster]", serde_json::json!({"ros": {"master": "rosmaster"}}), "master-rosmaster")]
+#[case::capture("capture.tool: [builtin, tcpdump]", serde_json::json!({"capture": {"tool": "tcpdump"}}), "tool-tcpdump")]
+fn a_need_that_a_provider_cannot_meet_makes_the_scenarios_with_it_infeasible(
+    #[case] axis: &str,
+    #[case] settings: Value,
+    #[case] name: &str,
+) {
+    let text = format!("matrix:\n  virtualization: [native, docker]\n  {axis}\n");
+    let file = MatrixFile::parse("matrix.yaml", text.as_bytes(), None).unwrap();
+    let mut facts = this_machine();
+    let lacks_it = Availability::Unavailable {
+        reason: "it is not there".to_owned(),
+        fix: Some("install it".to_owned()),
+    };
+    let need = Need::of(&serde_json::from_value(settings).unwrap());
+    let here = facts.get_mut("local").unwrap();
+    here.providers
+        .get_mut("native")
+        .unwrap()
+        .needs
+        .insert(need, lacks_it);
     let plan = plan(&file, &facts, &Selection::default(), 1).unwrap();
     let infeasible: Vec<_> = plan
         .record
@@ -397,12 +452,9 @@ fn a_network_that_a_provider_cannot_have_makes_the_scenarios_with_it_infeasible(
             )
         })
         .collect();
+    let slug = format!("x86-64-debian-12-native-{name}");
     assert_eq!(
         infeasible,
-        [(
-            "x86-64-debian-12-native-backend-kernel",
-            Some("netem is not in this kernel"),
-            Some("load sch_netem")
-        )]
+        [(slug.as_str(), Some("it is not there"), Some("install it"))]
     );
 }

@@ -64,15 +64,50 @@ impl DataFile {
             .mode(0o644)
             .open(&path)
             .map_err(|source| file_error("create", &path, source))?;
-        let copied = io::copy(&mut content.take(self.longest + 1), &mut file)
+        self.fill(&mut file, &path, self.longest, content)
+    }
+
+    /// Writes the file below `into`, in place of what an earlier try has brought of it.
+    pub(super) fn replace(&self, into: &Path, content: &mut dyn Read) -> Result<(), ProviderError> {
+        let path = into.join(&self.path);
+        match fs::remove_file(&path) {
+            Err(error) if error.kind() != io::ErrorKind::NotFound => Err(file_error("replace", &path, error)),
+            _ => self.write(into, content),
+        }
+    }
+
+    /// Goes on with the file below `into`, of which so many bytes are there.
+    pub(super) fn append(
+        &self,
+        into: &Path,
+        there: u64,
+        content: &mut dyn Read,
+    ) -> Result<(), ProviderError> {
+        let path = into.join(&self.path);
+        let mut file = fs::OpenOptions::new()
+            .append(true)
+            .open(&path)
             .map_err(|source| file_error("write", &path, source))?;
-        if copied > self.longest {
+        self.fill(&mut file, &path, self.longest.saturating_sub(there), content)
+    }
+
+    /// Copies at most `room` bytes.
+    fn fill(
+        &self,
+        file: &mut fs::File,
+        path: &Path,
+        room: u64,
+        content: &mut dyn Read,
+    ) -> Result<(), ProviderError> {
+        let copied = io::copy(&mut content.take(room.saturating_add(1)), file)
+            .map_err(|source| file_error("write", path, source))?;
+        if copied > room {
             return Err(ProviderError::Data {
                 what: format!("the file {}", self.path.display()),
                 reason: format!("it is longer than {} bytes", self.longest),
             });
         }
-        file.flush().map_err(|source| file_error("write", &path, source))
+        file.flush().map_err(|source| file_error("write", path, source))
     }
 }
 
@@ -119,8 +154,16 @@ fn open_no_link(path: &Path) -> io::Result<fs::File> {
     Ok(rustix::fs::open(path, flags, Mode::empty())?.into())
 }
 
+/// How many bytes a file has.
+pub(super) fn length(path: &Path) -> Result<u64, ProviderError> {
+    match fs::symlink_metadata(path) {
+        Ok(found) => Ok(found.len()),
+        Err(error) => Err(file_error("read", path, error)),
+    }
+}
+
 /// Regular files, two levels deep, relative to `root`.
-fn files_below(root: &Path, folder: &Path) -> Result<Vec<PathBuf>, ProviderError> {
+pub(super) fn files_below(root: &Path, folder: &Path) -> Result<Vec<PathBuf>, ProviderError> {
     let here = root.join(folder);
     let failed = |source| file_error("read", &here, source);
     let mut files = Vec::new();

@@ -1,7 +1,7 @@
 //! The `docker` provider: the workload as the main process of a container. The main type is [`Docker`].
 //!
 //! ```text
-//! survey   engine, image named by the user       -> can it work here
+//! survey   engine, image named by the user; the workload in a container of it -> can it work here
 //! create   image (built once) -> container with its volume, both named after the environment -> started
 //! follow   the container's log, from its first line
 //! collect  the volume, through the container; through one that is never started if the container is gone
@@ -9,6 +9,7 @@
 //! ```
 
 mod archive;
+mod check;
 mod container;
 mod engine;
 mod environment;
@@ -16,6 +17,8 @@ mod follow;
 mod image;
 mod labels;
 mod settings;
+
+use std::sync::Arc;
 
 use async_trait::async_trait;
 use bollard::{
@@ -29,7 +32,7 @@ use bollard::{
 use reports::run_directory::Resource;
 use serde_json::{Map, Value, json};
 use tokio::sync::OnceCell;
-use workload::settings::NetworkBackend;
+use workload::settings::Need;
 
 use self::{
     engine::{Engine, if_there, is_missing, translate},
@@ -38,7 +41,8 @@ use self::{
     image::Image,
     labels::Labels,
 };
-use super::{Availability, Environment, EnvironmentRequest, Leftover, Provider, ProviderError};
+use super::{Availability, Environment, EnvironmentRequest, Leftover, Provider, ProviderError, trial};
+use crate::host::{Forward, Host, Listener};
 
 pub use settings::DockerSettings;
 
@@ -48,17 +52,45 @@ const VOLUME: &str = "volume";
 const IMAGE: &str = "image";
 
 /// Containers of one Docker Engine.
-#[derive(Debug)]
 pub struct Docker {
     host: String,
-    address: String,
+    way: Way,
     settings: DockerSettings,
     /// Connected to when it is needed first.
-    engine: OnceCell<Engine>,
+    engine: OnceCell<Connected>,
+}
+
+/// How its engine is reached.
+enum Way {
+    /// At an address such as `unix:///var/run/docker.sock`.
+    Address(String),
+    /// By its usual socket on another machine.
+    Forwarded(Arc<dyn Host>),
+}
+
+/// An engine that answers.
+struct Connected {
+    engine: Engine,
+    /// The socket here that leads there, as long as it is needed.
+    _forward: Option<Forward>,
 }
 
 impl Docker {
-    /// On the host of that name in the matrix file, whose engine is found as `docker` would find it.
+    /// On a host: this machine's engine is found as `docker` would find it, another's at its usual socket there.
+    #[must_use]
+    pub fn on(host: &Arc<dyn Host>, settings: DockerSettings) -> Self {
+        if host.is_this_machine() {
+            return Self::new(host.name(), settings);
+        }
+        Self {
+            host: host.name().to_owned(),
+            way: Way::Forwarded(Arc::clone(host)),
+            settings,
+            engine: OnceCell::new(),
+        }
+    }
+
+    /// On this machine, by its name in the matrix file, whose engine is found as `docker` would find it.
     #[must_use]
     pub fn new(host: &str, settings: DockerSettings) -> Self {
         Self::at(&engine::usual_address(), host, settings)
@@ -69,16 +101,42 @@ impl Docker {
     pub fn at(address: &str, host: &str, settings: DockerSettings) -> Self {
         Self {
             host: host.to_owned(),
-            address: address.to_owned(),
+            way: Way::Address(address.to_owned()),
             settings,
             engine: OnceCell::new(),
         }
     }
 
     async fn engine(&self) -> Result<&Engine, ProviderError> {
-        self.engine
-            .get_or_try_init(|| Engine::connect(&self.address))
-            .await
+        let connected = self.engine.get_or_try_init(|| self.connect()).await?;
+        Ok(&connected.engine)
+    }
+
+    async fn connect(&self) -> Result<Connected, ProviderError> {
+        match &self.way {
+            Way::Address(address) => Ok(Connected {
+                engine: Engine::connect(address).await?,
+                _forward: None,
+            }),
+            Way::Forwarded(host) => {
+                let listener = Listener::Unix(engine::SOCKET.into());
+                let forward =
+                    Forward::open(Arc::clone(host), listener).map_err(|source| ProviderError::Refused {
+                        platform: "this machine".to_owned(),
+                        action: "making a socket".to_owned(),
+                        hint: None,
+                        source: source.into(),
+                    })?;
+                match Engine::connect(&format!("unix://{}", forward.socket().display())).await {
+                    Ok(engine) => Ok(Connected {
+                        engine: engine.elsewhere(),
+                        _forward: Some(forward),
+                    }),
+                    // Who connects to a socket of ours sees only that it was closed.
+                    Err(error) => Err(forward.take_failure().map_or(error, Into::into)),
+                }
+            }
+        }
     }
 
     fn resource(&self, kind: &str, name: &str) -> Resource {
@@ -183,20 +241,32 @@ impl Provider for Docker {
         surveyed.await.unwrap_or_else(Availability::prevented_by)
     }
 
-    /// The image that is built in has the workload and nothing else. What one that the user names has is the user's
-    /// word: the workload looks for it before it measures.
-    async fn survey_network(&self, backend: NetworkBackend) -> Option<Availability> {
-        let programs = backend.programs();
-        (self.settings.image.is_none() && !programs.is_empty()).then(|| Availability::Unavailable {
-            reason: format!(
-                "the `{}` network needs {}, which the built-in image has not got",
-                backend.name(),
-                programs.join(" and ")
-            ),
-            fix: Some(
-                "use `backend: userspace`, or name an image that has them: `providers: {docker: {image: …}}`"
-                    .to_owned(),
-            ),
+    /// The image that is built in has the workload and nothing else. What one that the user names has is asked of the
+    /// workload in a container of it, which takes a second; so not where the workload alone is enough.
+    async fn survey_need(&self, need: &Need) -> Option<Availability> {
+        let programs = need.programs();
+        if programs.is_empty() {
+            return None;
+        }
+        let Some(image) = &self.settings.image else {
+            return Some(Availability::Unavailable {
+                reason: format!(
+                    "`{need}` needs {}, which the built-in image has not got",
+                    programs.join(" and ")
+                ),
+                fix: Some(
+                    "name an image that has what it needs: `providers: {docker: {image: …}}`, or do without the setting"
+                        .to_owned(),
+                ),
+            });
+        };
+        let asked = async {
+            let engine = self.engine().await?;
+            check::check(engine, image, need, &self.settings).await
+        };
+        Some(match asked.await {
+            Ok(record) => trial::availability(&record),
+            Err(error) => Availability::prevented_by(error),
         })
     }
 

@@ -1,11 +1,10 @@
-//! The folder of an environment that has no platform to keep its things: of native and fake ones. The main type is
+//! The folder of an environment that has no platform to keep its things: of fake ones. The main type is
 //! [`EnvironmentDirectory`].
 //!
 //! ```text
 //! environments/<name>/
 //!   owner.json    what it belongs to: Owner
 //!   lines.jsonl   the workload's standard output
-//!   errors.txt    its standard error
 //!   data/         its data folder
 //! ```
 
@@ -15,42 +14,10 @@ use std::{
 };
 
 use reports::run_directory::Resource;
-use serde::{Deserialize, Serialize};
+use workload::record::detached::Owner;
 
-use super::{EnvironmentRequest, Leftover, ProviderError};
+use super::{Leftover, ProviderError};
 use crate::state_directory::StateDirectory;
-
-/// What an environment belongs to: written before anything else happens in its folder.
-#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
-pub struct Owner {
-    /// The provider that made it.
-    pub provider: String,
-    /// The run's name.
-    pub run: String,
-    /// The run directory.
-    pub run_directory: PathBuf,
-    /// The scenario's slug.
-    pub scenario: String,
-    /// The host's name in the matrix file.
-    pub host: String,
-    /// The windows it is to measure.
-    pub windows: Vec<u32>,
-}
-
-impl Owner {
-    /// Of what a provider was asked for.
-    #[must_use]
-    pub fn new(provider: &str, request: &EnvironmentRequest) -> Self {
-        Self {
-            provider: provider.to_owned(),
-            run: request.run.clone(),
-            run_directory: request.run_directory.clone(),
-            scenario: request.scenario.clone(),
-            host: request.host.clone(),
-            windows: request.windows.clone(),
-        }
-    }
-}
 
 /// The folder.
 #[derive(Debug, Clone, PartialEq, Eq)]
@@ -149,12 +116,6 @@ impl EnvironmentDirectory {
     #[must_use]
     pub fn lines(&self) -> PathBuf {
         self.0.join("lines.jsonl")
-    }
-
-    /// Where its last words are.
-    #[must_use]
-    pub fn errors(&self) -> PathBuf {
-        self.0.join("errors.txt")
     }
 
     /// Where its data is.

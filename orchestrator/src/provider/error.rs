@@ -5,7 +5,7 @@
 
 use std::{error::Error, io, path::PathBuf};
 
-use crate::workload_binary::InstallError;
+use crate::{host::HostError, workload_binary::InstallError};
 
 /// The cause of an error, of whichever library it comes from.
 pub type Cause = Box<dyn Error + Send + Sync + 'static>;
@@ -16,6 +16,12 @@ pub enum ProviderError {
     /// There is no provider of that name.
     #[error("there is no virtualization `{name}`")]
     Unknown {
+        /// As it was asked for.
+        name: String,
+    },
+    /// There is no host of that name.
+    #[error("there is no host `{name}`")]
+    UnknownHost {
         /// As it was asked for.
         name: String,
     },
@@ -107,6 +113,36 @@ pub enum ProviderError {
     },
 }
 
+impl From<HostError> for ProviderError {
+    fn from(error: HostError) -> Self {
+        let platform = |host| format!("host `{host}`");
+        match error {
+            HostError::Unreachable { host, hint, source } => Self::Unreachable {
+                platform: platform(host),
+                hint,
+                source,
+            },
+            HostError::Disconnected { host, action, source } => Self::Disconnected {
+                platform: platform(host),
+                action,
+                source,
+            },
+            HostError::Refused {
+                host,
+                action,
+                hint,
+                source,
+            } => Self::Refused {
+                platform: platform(host),
+                action,
+                hint,
+                source,
+            },
+            HostError::TimedOut { action, after, .. } => Self::TimedOut { action, after },
+        }
+    }
+}
+
 impl From<InstallError> for ProviderError {
     fn from(error: InstallError) -> Self {
         Self::File {
@@ -118,11 +154,18 @@ impl From<InstallError> for ProviderError {
 }
 
 impl ProviderError {
+    /// Whether trying again soon may help, with nothing repaired by anybody, where the platform was reached before.
+    #[must_use]
+    pub fn is_passing(&self) -> bool {
+        matches!(self, Self::Disconnected { .. } | Self::Unreachable { .. })
+    }
+
     /// What to do about it, where that is known.
     #[must_use]
     pub fn hint(&self) -> Option<String> {
         match self {
-            Self::Unknown { .. } => Some(format!("write one of {}", super::names().join(", "))),
+            Self::Unknown { .. } => Some(format!("write one of {}", super::NAMES.join(", "))),
+            Self::UnknownHost { .. } => Some("write it under `hosts:` in the matrix file".to_owned()),
             Self::Unsupported { hint, .. } | Self::Unreachable { hint, .. } | Self::Refused { hint, .. } => {
                 hint.clone()
             }
@@ -144,7 +187,7 @@ impl ProviderError {
 }
 
 /// What to do about a file that cannot be read or written.
-fn file_hint(error: &io::Error) -> Option<String> {
+pub fn file_hint(error: &io::Error) -> Option<String> {
     match error.kind() {
         io::ErrorKind::StorageFull | io::ErrorKind::QuotaExceeded => {
             Some("make room on that disk, then `matrix resume`".to_owned())

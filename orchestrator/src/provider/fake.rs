@@ -12,11 +12,12 @@ pub(crate) mod window;
 
 use async_trait::async_trait;
 use reports::run_directory::Resource;
+use workload::record::detached::Owner;
 
 use self::environment::FakeEnvironment;
 use super::{
     Availability, Environment, EnvironmentRequest, Leftover, Provider, ProviderError,
-    environment_directory::{EnvironmentDirectory, Owner},
+    environment_directory::EnvironmentDirectory,
 };
 use crate::state_directory::StateDirectory;
 
@@ -74,7 +75,7 @@ impl Provider for Fake {
 
     async fn create(&self, request: &EnvironmentRequest) -> Result<Box<dyn Environment>, ProviderError> {
         let directory = EnvironmentDirectory::of(&self.state, &request.environment);
-        directory.create(&Owner::new(NAME, request))?;
+        directory.create(&request.owner(NAME))?;
         let fault = self.settings.fault(&request.scenario, &request.environment);
         if fault.is_some_and(|fault| fault.at == FaultPoint::Create) {
             return Err(ProviderError::Played {

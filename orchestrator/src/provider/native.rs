@@ -1,66 +1,80 @@
-//! The `native` provider: the workload as a process of this machine, with no platform between. The main type is
-//! [`Native`].
+//! The `native` provider: the workload as a process of its host, with no platform between. The main type is [`Native`].
 //!
-//! The process has a session of its own and writes to files, so that it goes on when `matrix` ends; its environment is a
-//! folder below the state directory ([`EnvironmentDirectory`]).
+//! The process has a session of its own and writes to files, so that it goes on when `matrix` ends or the connection to
+//! its host does; its environment is a folder there. All of that is the keeper's: [`Keeper`].
 
-mod check;
-mod detached;
-mod environment;
-mod follow;
-mod process;
-mod readiness;
-
-use std::{
-    fs::File,
-    process::{Command, Stdio},
-};
+use std::sync::Arc;
 
 use async_trait::async_trait;
 use reports::run_directory::Resource;
+use serde_json::{Map, Value, json};
 use workload::{
-    network::{NetworkError, mininet},
-    settings::NetworkBackend,
+    record::{check::CheckRecord, detached::ListedEnvironment},
+    settings::Need,
 };
 
-pub use self::check::check;
-use self::{environment::NativeEnvironment, process::WorkloadProcess};
 use super::{
     Availability, Environment, EnvironmentRequest, Leftover, Provider, ProviderError,
-    environment_directory::{EnvironmentDirectory, Owner},
+    detached::{DetachedEnvironment, Keeper},
+    trial,
 };
-use crate::{state_directory::StateDirectory, workload_binary};
+use crate::host::Host;
 
 const NAME: &str = "native";
-
+/// An environment's folder, with which its process is ended.
+const DIRECTORY: &str = "directory";
+const PROCESS: &str = "process";
 /// What a killed workload may leave beside its folder: a bridge of Open vSwitch, which is the machine's.
 const BRIDGE: &str = "bridge";
 
-/// This machine as it is.
-#[derive(Debug, Clone)]
+/// A host as it is.
 pub struct Native {
-    host: String,
-    state: StateDirectory,
+    keeper: Arc<Keeper>,
 }
 
 impl Native {
-    /// On the host of that name in the matrix file, with its environments in this state directory.
+    /// On that host.
     #[must_use]
-    pub fn new(host: &str, state: StateDirectory) -> Self {
+    pub fn new(host: Arc<dyn Host>) -> Self {
         Self {
-            host: host.to_owned(),
-            state,
+            keeper: Arc::new(Keeper::new(host)),
+        }
+    }
+
+    /// Whether the host meets a need, in the words of the workload there.
+    ///
+    /// # Errors
+    /// When the workload cannot be put there or started, or does not answer in time and as agreed.
+    pub async fn check(&self, need: &Need) -> Result<CheckRecord, ProviderError> {
+        self.keeper.check(need).await
+    }
+
+    fn resource(&self, kind: &str, name: &str) -> Resource {
+        Resource {
+            host: self.keeper.host().to_owned(),
+            kind: kind.to_owned(),
+            name: name.to_owned(),
+        }
+    }
+
+    fn leftover(&self, listed: ListedEnvironment) -> Leftover {
+        let (run, run_directory, scenario) = match listed.owner {
+            Some(owner) => (Some(owner.run), Some(owner.run_directory), Some(owner.scenario)),
+            None => (None, None, None),
+        };
+        Leftover {
+            resource: self.resource(DIRECTORY, &listed.environment),
+            run,
+            run_directory,
+            scenario,
+            running: listed.running,
         }
     }
 
     /// A bridge as something that was left behind. Which run had it is not known.
-    fn bridge(&self, name: String) -> Leftover {
+    fn bridge(&self, name: &str) -> Leftover {
         Leftover {
-            resource: Resource {
-                host: self.host.clone(),
-                kind: BRIDGE.to_owned(),
-                name,
-            },
+            resource: self.resource(BRIDGE, name),
             run: None,
             run_directory: None,
             scenario: None,
@@ -68,40 +82,19 @@ impl Native {
         }
     }
 
-    fn start(
-        &self,
-        request: &EnvironmentRequest,
-        directory: &EnvironmentDirectory,
-    ) -> Result<WorkloadProcess, ProviderError> {
-        let binary = workload_binary::installed(&self.state)?;
-        let create = |path| {
-            File::create_new(&path).map_err(|source| ProviderError::File {
-                action: "create",
-                path,
-                source,
-            })
-        };
-        let mut command = Command::new(binary);
-        command
-            .args(request.arguments(&directory.data()))
-            // Nothing of the surroundings in which `matrix` happened to be started may reach the experiment.
-            .env_clear()
-            .current_dir("/")
-            .stdin(Stdio::null())
-            .stdout(create(directory.lines())?)
-            .stderr(create(directory.errors())?);
-        workload_binary::start(|| detached::spawn(&mut command))
-            .and_then(WorkloadProcess::started)
-            .map_err(|error| refused("starting the workload", error))
-    }
-}
-
-fn refused(action: &str, source: std::io::Error) -> ProviderError {
-    ProviderError::Refused {
-        platform: "this machine".to_owned(),
-        action: action.to_owned(),
-        hint: None,
-        source: source.into(),
+    async fn environment(&self, name: &str, running: bool) -> Result<Box<dyn Environment>, ProviderError> {
+        let mut facts = Map::<String, Value>::new();
+        facts.insert("provider".to_owned(), json!(NAME));
+        facts.insert(
+            "workload_sha256".to_owned(),
+            json!(self.keeper.deployed().await?.sha256),
+        );
+        Ok(Box::new(DetachedEnvironment::new(
+            Arc::clone(&self.keeper),
+            name,
+            facts,
+            running,
+        )))
     }
 }
 
@@ -111,96 +104,61 @@ impl Provider for Native {
         NAME
     }
 
+    /// Wherever the workload can be put it can be started; what it needs is another question.
     async fn survey(&self) -> Availability {
-        match check(&self.state, NetworkBackend::Userspace).await {
-            Ok(record) => check::availability(&record),
+        match self.keeper.platform().await {
+            Ok(host) => Availability::Available {
+                detail: format!("Linux {}", host.platform.kernel),
+            },
             Err(error) => Availability::prevented_by(error),
         }
     }
 
-    async fn survey_network(&self, backend: NetworkBackend) -> Option<Availability> {
-        Some(match check(&self.state, backend).await {
-            Ok(record) => check::network(&record),
+    async fn survey_need(&self, need: &Need) -> Option<Availability> {
+        Some(match self.check(need).await {
+            Ok(record) => trial::availability(&record),
             Err(error) => Availability::prevented_by(error),
         })
     }
 
     fn resources(&self, request: &EnvironmentRequest) -> Vec<Resource> {
-        let directory = EnvironmentDirectory::of(&self.state, &request.environment);
-        let process = Resource {
-            host: self.host.clone(),
-            kind: "process".to_owned(),
-            name: request.environment.clone(),
-        };
-        vec![directory.resource(&self.host), process]
+        [DIRECTORY, PROCESS]
+            .map(|kind| self.resource(kind, &request.environment))
+            .into()
     }
 
     async fn create(&self, request: &EnvironmentRequest) -> Result<Box<dyn Environment>, ProviderError> {
-        let directory = EnvironmentDirectory::of(&self.state, &request.environment);
-        directory.create(&Owner::new(NAME, request))?;
-        let process = self.start(request, &directory)?;
-        Ok(Box::new(NativeEnvironment::new(directory, Some(process))?))
+        self.keeper.start(NAME, request).await?;
+        self.environment(&request.environment, true).await
     }
 
     async fn find(
         &self,
         request: &EnvironmentRequest,
     ) -> Result<Option<Box<dyn Environment>>, ProviderError> {
-        let directory = EnvironmentDirectory::of(&self.state, &request.environment);
-        // Without its lines the process was never started.
-        if !directory.lines().exists() {
-            return Ok(None);
+        let listed = self.keeper.list().await?.environments;
+        match listed.iter().find(|it| it.environment == request.environment) {
+            Some(found) if found.started => {
+                Ok(Some(self.environment(&request.environment, found.running).await?))
+            }
+            _ => Ok(None),
         }
-        let process = find_process(&directory)?;
-        Ok(Some(Box::new(NativeEnvironment::new(directory, process)?)))
     }
 
     async fn leftovers(&self) -> Result<Vec<Leftover>, ProviderError> {
-        let bridges = bridges()?.into_iter().map(|name| self.bridge(name));
-        let directories = EnvironmentDirectory::all(&self.state)?
-            .into_iter()
-            // A folder whose owner was never written belongs to nobody else.
-            .filter(|(_, owner)| owner.as_ref().is_none_or(|owner| owner.provider == NAME))
-            .map(|(directory, owner)| {
-                let running = find_process(&directory)?.is_some();
-                Ok(directory.leftover(&self.host, owner, running))
-            });
-        directories.chain(bridges.map(Ok)).collect()
+        let listed = self.keeper.list().await?;
+        // A folder whose owner was never written belongs to nobody else.
+        let is_ours = |it: &ListedEnvironment| it.owner.as_ref().is_none_or(|owner| owner.provider == NAME);
+        let folders = listed.environments.into_iter().filter(is_ours);
+        let bridges = listed.bridges.iter().map(|name| self.bridge(name));
+        Ok(folders.map(|it| self.leftover(it)).chain(bridges).collect())
     }
 
     async fn remove(&self, leftover: &Leftover) -> Result<(), ProviderError> {
         let name = &leftover.resource.name;
-        if leftover.resource.kind == BRIDGE && bridges()?.contains(name) {
-            return mininet::leftovers::remove(name)
-                .map_err(|error| network_refused("removing a bridge from Open vSwitch", error));
-        }
-        let directories = EnvironmentDirectory::all(&self.state)?;
-        match directories
-            .into_iter()
-            .find(|(directory, _)| directory.resource(&leftover.resource.host) == leftover.resource)
-        {
-            Some((directory, _)) => environment::remove(&directory, find_process(&directory)?).await,
-            None => Ok(()),
+        match leftover.resource.kind.as_str() {
+            BRIDGE => self.keeper.remove_bridge(name).await.map(drop),
+            _ => self.keeper.remove(name).await.map(drop),
         }
     }
-}
-
-/// Those that no live workload has.
-fn bridges() -> Result<Vec<String>, ProviderError> {
-    mininet::leftovers::find()
-        .map_err(|error| network_refused("looking for bridges of ours in Open vSwitch", error))
-}
-
-fn network_refused(action: &str, error: NetworkError) -> ProviderError {
-    ProviderError::Refused {
-        platform: "this machine".to_owned(),
-        action: action.to_owned(),
-        hint: error.hint(),
-        source: error.into(),
-    }
-}
-
-fn find_process(directory: &EnvironmentDirectory) -> Result<Option<WorkloadProcess>, ProviderError> {
-    WorkloadProcess::find(&directory.environment(), &directory.data())
-        .map_err(|error| refused("looking for the workload's process", error))
 }

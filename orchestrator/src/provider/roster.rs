@@ -1,4 +1,5 @@
-//! The providers that one call of `matrix` works with, each made once, so that an engine is asked once who it is. The
+//! The hosts and providers that one call of `matrix` works with, each made once, so that a host is logged in to and an
+//! engine is asked who it is once. The
 //! main type is [`Roster`].
 
 use std::{
@@ -7,27 +8,38 @@ use std::{
 };
 
 use super::{Provider, ProviderError, ProviderSettings, choose};
+use crate::host::Host;
 
 /// Providers by virtualization and host, made when they are first asked for.
 pub struct Roster {
     settings: ProviderSettings,
+    hosts: BTreeMap<String, Arc<dyn Host>>,
     made: Mutex<BTreeMap<(String, String), Arc<dyn Provider>>>,
 }
 
 impl Roster {
-    /// An empty one.
+    /// One with these hosts, in which no provider was asked for yet.
     #[must_use]
-    pub fn new(settings: ProviderSettings) -> Self {
+    pub fn new(settings: ProviderSettings, hosts: impl IntoIterator<Item = Arc<dyn Host>>) -> Self {
         Self {
             settings,
+            hosts: hosts
+                .into_iter()
+                .map(|host| (host.name().to_owned(), host))
+                .collect(),
             made: Mutex::default(),
         }
+    }
+
+    /// Its hosts, by name.
+    pub fn hosts(&self) -> impl Iterator<Item = &Arc<dyn Host>> {
+        self.hosts.values()
     }
 
     /// The provider of a `virtualization` on the host of that name in the matrix file.
     ///
     /// # Errors
-    /// When there is none of that name.
+    /// When there is none of that name, or no such host.
     pub fn provider(&self, virtualization: &str, host: &str) -> Result<Arc<dyn Provider>, ProviderError> {
         // The map is whole whenever the lock is free, also after a panic.
         let mut made = self.made.lock().unwrap_or_else(PoisonError::into_inner);
@@ -35,6 +47,9 @@ impl Roster {
         if let Some(provider) = made.get(&key) {
             return Ok(Arc::clone(provider));
         }
+        let host = self.hosts.get(host).ok_or_else(|| ProviderError::UnknownHost {
+            name: host.to_owned(),
+        })?;
         let provider: Arc<dyn Provider> = choose(virtualization, &self.settings, host)?.into();
         made.insert(key, Arc::clone(&provider));
         Ok(provider)
@@ -44,13 +59,19 @@ impl Roster {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::{host::Here, state_directory::StateDirectory};
+
+    fn host(name: &str) -> Arc<dyn Host> {
+        Arc::new(Here::new(name, StateDirectory::of_this_user()))
+    }
 
     #[test]
     fn a_provider_is_made_once_for_each_host() {
-        let roster = Roster::new(ProviderSettings::default());
+        let roster = Roster::new(ProviderSettings::default(), ["here", "there"].map(host));
         let here = roster.provider("docker", "here").unwrap();
         assert!(Arc::ptr_eq(&here, &roster.provider("docker", "here").unwrap()));
         assert!(!Arc::ptr_eq(&here, &roster.provider("docker", "there").unwrap()));
         assert!(roster.provider("dokcer", "here").is_err());
+        assert!(roster.provider("docker", "nowhere").is_err());
     }
 }

@@ -5,7 +5,7 @@
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
-use super::{docker::DockerSettings, fake::FakeSettings};
+use super::{docker::DockerSettings, fake::FakeSettings, vagrant::VagrantSettings};
 
 /// Settings that belong to one provider alone, each under the provider's name.
 #[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize, JsonSchema)]
@@ -13,6 +13,18 @@ use super::{docker::DockerSettings, fake::FakeSettings};
 pub struct ProviderSettings {
     /// Of `virtualization: docker`.
     pub docker: DockerSettings,
+    /// Of `virtualization: libvirt`, through Vagrant.
+    pub libvirt: VagrantSettings,
+    /// Of `virtualization: virtualbox`, through Vagrant.
+    pub virtualbox: VagrantSettings,
+    /// Of `virtualization: vmware_desktop`, through Vagrant.
+    pub vmware_desktop: VagrantSettings,
+    /// Of `virtualization: parallels`, through Vagrant.
+    pub parallels: VagrantSettings,
+    /// Of `virtualization: hyperv`, through Vagrant.
+    pub hyperv: VagrantSettings,
+    /// Of `virtualization: qemu`, through Vagrant.
+    pub qemu: VagrantSettings,
     /// Of `virtualization: fake`.
     pub fake: FakeSettings,
 }

@@ -1,69 +1,124 @@
-//! Virtual machines through Vagrant: `virtualbox`, `libvirt` and the other providers that Vagrant knows. The main type is
+//! Virtual machines through Vagrant: `libvirt`, `virtualbox` and the other providers that Vagrant knows. The main type is
 //! [`Vagrant`].
 //!
-//! This version does not drive virtual machines. It says so, and says what the host lacks besides, so that the plan
-//! shows these scenarios as infeasible with a reason and nobody takes them for measured.
+//! ```text
+//! host ── vagrant up ──> machine        a folder of the environment's own on the host
+//!   └──── SSH ─────────> machine        a host like any other: the workload's keeper is at work in it
+//! ```
+//!
+//! The machine is the environment: it is made for one and removed with it.
+
+mod inside;
+mod machine;
+mod output;
+mod requirements;
+mod settings;
+mod ssh_config;
+
+use std::sync::Arc;
 
 use async_trait::async_trait;
 use reports::run_directory::Resource;
+use serde_json::{Map, Value, json};
+use tokio::sync::OnceCell;
 
-use super::{
-    Availability, Environment, EnvironmentRequest, Leftover, Provider, ProviderError, executable::Executable,
+pub use self::settings::VagrantSettings;
+use self::{
+    inside::Inside,
+    machine::{Machine, MachineFolders},
 };
+use super::{
+    Availability, Ended, Environment, EnvironmentRequest, Leftover, Provider, ProviderError,
+    detached::{DetachedEnvironment, Keeper},
+};
+use crate::host::Host;
 
-/// The providers that Vagrant itself or its usual plugins know, by the names that Vagrant gives them.
-pub const PROVIDERS: [&str; 6] = [
-    "virtualbox",
-    "libvirt",
-    "vmware_desktop",
-    "parallels",
-    "hyperv",
-    "qemu",
-];
+/// A machine's folder on its host, with which the machine goes.
+const MACHINE: &str = "machine";
+/// What Vagrant calls a machine that can be entered.
+const RUNNING: &str = "running";
 
-/// Virtual machines of one of Vagrant's providers.
-#[derive(Debug, Clone)]
+/// Virtual machines of one of Vagrant's providers on a host.
 pub struct Vagrant {
     provider: &'static str,
+    host: Arc<dyn Host>,
+    settings: VagrantSettings,
+    folders: OnceCell<MachineFolders>,
 }
 
 impl Vagrant {
-    /// Of the provider that Vagrant knows by this name, if this version does.
+    /// Of the provider that Vagrant knows by this name.
     #[must_use]
-    pub fn with_provider(name: &str) -> Option<Self> {
-        PROVIDERS
-            .into_iter()
-            .find(|known| *known == name)
-            .map(|provider| Self { provider })
+    pub fn new(provider: &'static str, host: Arc<dyn Host>, settings: VagrantSettings) -> Self {
+        Self {
+            provider,
+            host,
+            settings,
+            folders: OnceCell::new(),
+        }
     }
 
-    fn unsupported(&self) -> ProviderError {
-        ProviderError::Unsupported {
-            provider: self.provider.to_owned(),
-            reason: NOT_DRIVEN.to_owned(),
-            hint: Some(INSTEAD.to_owned()),
+    async fn folders(&self) -> Result<&MachineFolders, ProviderError> {
+        let folders = async {
+            let deployed = self.host.deploy().await?;
+            Ok::<_, ProviderError>(MachineFolders::beside(
+                Arc::clone(&self.host),
+                &deployed.environments,
+            ))
+        };
+        self.folders.get_or_try_init(|| folders).await
+    }
+
+    async fn machine(&self, environment: &str) -> Result<Machine, ProviderError> {
+        Ok(self.folders().await?.machine(environment, self.provider))
+    }
+
+    fn resource(&self, environment: &str) -> Resource {
+        Resource {
+            host: self.host.name().to_owned(),
+            kind: MACHINE.to_owned(),
+            name: environment.to_owned(),
         }
+    }
+
+    /// Goes into a machine that runs.
+    async fn enter(&self, machine: Machine, environment: &str) -> Result<Entered, ProviderError> {
+        let inside = Inside::of(&self.host, machine.clone(), environment).await?;
+        Ok(Entered {
+            keeper: Arc::new(Keeper::new(Arc::new(inside))),
+            machine,
+        })
+    }
+
+    async fn environment(
+        &self,
+        entered: Entered,
+        name: &str,
+        running: bool,
+    ) -> Result<Box<dyn Environment>, ProviderError> {
+        let mut facts = Map::<String, Value>::new();
+        facts.insert("provider".to_owned(), json!(self.provider));
+        facts.insert(
+            "vagrant".to_owned(),
+            json!(requirements::version(self.host.as_ref()).await),
+        );
+        facts.insert("machine".to_owned(), json!(self.settings));
+        facts.insert(
+            "workload_sha256".to_owned(),
+            json!(entered.keeper.deployed().await?.sha256),
+        );
+        let workload = DetachedEnvironment::new(Arc::clone(&entered.keeper), name, facts, running);
+        Ok(Box::new(VagrantEnvironment {
+            workload,
+            machine: entered.machine,
+        }))
     }
 }
 
-const NOT_DRIVEN: &str = "this version of matrix does not drive virtual machines yet";
-const INSTEAD: &str = "run the scenario's machine yourself and start matrix in it, or exclude it in the matrix file with a reason";
-
-/// What to say of a host on which Vagrant is or is not.
-fn judge(provider: &str, vagrant: Option<&Executable>) -> Availability {
-    match vagrant {
-        Some(vagrant) => Availability::Unavailable {
-            reason: format!(
-                "{NOT_DRIVEN} (Vagrant is at {} but is not used)",
-                vagrant.path().display()
-            ),
-            fix: Some(INSTEAD.to_owned()),
-        },
-        None => Availability::Unavailable {
-            reason: format!("{NOT_DRIVEN}, and Vagrant, which {provider} would need, is not installed"),
-            fix: Some(INSTEAD.to_owned()),
-        },
-    }
+/// A machine with the workload's keeper in it.
+struct Entered {
+    machine: Machine,
+    keeper: Arc<Keeper>,
 }
 
 #[async_trait]
@@ -73,53 +128,102 @@ impl Provider for Vagrant {
     }
 
     async fn survey(&self) -> Availability {
-        judge(self.provider, Executable::find("vagrant").as_ref())
+        requirements::survey(self.host.as_ref(), self.provider, &self.settings).await
     }
 
-    fn resources(&self, _request: &EnvironmentRequest) -> Vec<Resource> {
-        Vec::new()
+    fn resources(&self, request: &EnvironmentRequest) -> Vec<Resource> {
+        vec![self.resource(&request.environment)]
     }
 
-    async fn create(&self, _request: &EnvironmentRequest) -> Result<Box<dyn Environment>, ProviderError> {
-        Err(self.unsupported())
+    async fn create(&self, request: &EnvironmentRequest) -> Result<Box<dyn Environment>, ProviderError> {
+        let machine = self.machine(&request.environment).await?;
+        machine
+            .prepare(&request.owner(self.provider), &self.settings)
+            .await?;
+        machine.up(self.settings.boot_timeout.duration()).await?;
+        let entered = self.enter(machine, &request.environment).await?;
+        entered.keeper.start(self.provider, request).await?;
+        self.environment(entered, &request.environment, true).await
     }
 
     async fn find(
         &self,
-        _request: &EnvironmentRequest,
+        request: &EnvironmentRequest,
     ) -> Result<Option<Box<dyn Environment>>, ProviderError> {
-        Ok(None)
-    }
-
-    async fn leftovers(&self) -> Result<Vec<Leftover>, ProviderError> {
-        Ok(Vec::new())
-    }
-
-    async fn remove(&self, _leftover: &Leftover) -> Result<(), ProviderError> {
-        Err(self.unsupported())
-    }
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn virtual_machines_are_never_said_to_be_available() {
-        let here = Executable::find("sh").unwrap();
-        for vagrant in [None, Some(&here)] {
-            let Availability::Unavailable { reason, fix } = judge("virtualbox", vagrant) else {
-                panic!("available");
-            };
-            assert!(reason.contains("does not drive virtual machines"), "{reason}");
-            assert_eq!(reason.contains("not installed"), vagrant.is_none(), "{reason}");
-            assert!(fix.is_some());
+        let folders = self.folders().await?;
+        let name = &request.environment;
+        let is_there = folders.list().await?.iter().any(|(there, _)| there == name);
+        let machine = folders.machine(name, self.provider);
+        // One that stands still has its data, and nobody to hand it out.
+        if !is_there || machine.state().await? != RUNNING {
+            return Ok(None);
+        }
+        let entered = self.enter(machine, name).await?;
+        let listed = entered.keeper.list().await?.environments;
+        match listed.iter().find(|it| it.environment == *name) {
+            Some(found) if found.started => Ok(Some(self.environment(entered, name, found.running).await?)),
+            _ => Ok(None),
         }
     }
 
-    #[test]
-    fn a_provider_that_vagrant_does_not_know_is_none() {
-        assert!(Vagrant::with_provider("virtualbox").is_some());
-        assert!(Vagrant::with_provider("VirtualBox").is_none());
+    async fn leftovers(&self) -> Result<Vec<Leftover>, ProviderError> {
+        let folders = self.folders().await?;
+        let mut leftovers = Vec::new();
+        for (name, owner) in folders.list().await? {
+            let Some(owner) = owner.filter(|owner| owner.provider == self.provider) else {
+                continue;
+            };
+            let running = folders.machine(&name, self.provider).state().await? == RUNNING;
+            leftovers.push(Leftover {
+                resource: self.resource(&name),
+                run: Some(owner.run),
+                run_directory: Some(owner.run_directory),
+                scenario: Some(owner.scenario),
+                running,
+            });
+        }
+        Ok(leftovers)
+    }
+
+    async fn remove(&self, leftover: &Leftover) -> Result<(), ProviderError> {
+        self.machine(&leftover.resource.name).await?.remove().await
+    }
+}
+
+/// A workload in a machine of its own.
+struct VagrantEnvironment {
+    workload: DetachedEnvironment,
+    machine: Machine,
+}
+
+#[async_trait]
+impl Environment for VagrantEnvironment {
+    fn facts(&self) -> Map<String, Value> {
+        self.workload.facts()
+    }
+
+    fn running(&self) -> bool {
+        self.workload.running()
+    }
+
+    async fn next_progress(&mut self) -> Result<Option<workload::record::progress::Progress>, ProviderError> {
+        self.workload.next_progress().await
+    }
+
+    async fn stop(&mut self) -> Result<(), ProviderError> {
+        self.workload.stop().await
+    }
+
+    async fn ended(&mut self) -> Result<Ended, ProviderError> {
+        self.workload.ended().await
+    }
+
+    async fn collect(&mut self, into: &std::path::Path) -> Result<(), ProviderError> {
+        self.workload.collect(into).await
+    }
+
+    /// The workload goes with its machine.
+    async fn discard(self: Box<Self>) -> Result<(), ProviderError> {
+        self.machine.remove().await
     }
 }

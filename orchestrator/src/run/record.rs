@@ -1,16 +1,23 @@
 //! A run directory's own account of its run: written before anything is created, read by `resume` and `status`. The
 //! main type is [`RecordedRun`].
 
-use std::{fs, io::Write, path::Path};
+use std::{collections::BTreeSet, fs, io::Write, path::Path, sync::Arc};
 
 use reports::{
     ReadError,
     run_directory::{Journal, Manifest, PlanRecord, RunDirectory},
 };
-use serde::Serialize;
+use serde::{Deserialize as _, Serialize};
 
 use super::state::RunState;
-use crate::{exit::Exit, provider::Roster, terminal::Complaint};
+use crate::{
+    exit::Exit,
+    host::{self, Host},
+    matrix_file::Connection,
+    provider::Roster,
+    state_directory::StateDirectory,
+    terminal::Complaint,
+};
 
 /// What was asked, what was planned, what happened.
 #[derive(Debug, Clone, PartialEq)]
@@ -62,13 +69,34 @@ impl RecordedRun {
     /// When their settings cannot be understood.
     pub fn roster(&self) -> Result<Roster, Complaint> {
         match serde_json::from_value(self.manifest.providers.clone()) {
-            Ok(settings) => Ok(Roster::new(settings)),
-            Err(error) => Err(Complaint::new(
-                Exit::Wrong,
-                &error,
-                Some("manifest.json is of another version of matrix".to_owned()),
-            )),
+            Ok(settings) => Ok(Roster::new(settings, self.hosts()?)),
+            Err(error) => Err(of_another_version(&error)),
         }
+    }
+
+    /// The hosts that its scenarios were planned on.
+    fn hosts(&self) -> Result<Vec<Arc<dyn Host>>, Complaint> {
+        let state = StateDirectory::of_this_user();
+        let names: BTreeSet<_> = self
+            .plan
+            .scenarios
+            .iter()
+            .filter_map(|it| it.host.as_deref())
+            .collect();
+        let host = |name| {
+            let recorded = self.manifest.hosts.iter().find(|it| it.name == name);
+            let connection = match recorded {
+                Some(recorded) => Connection::deserialize(&recorded.connect)?,
+                // Earlier versions knew one machine.
+                None => Connection::Local,
+            };
+            Ok(host::of(name, &connection, &state))
+        };
+        names
+            .into_iter()
+            .map(host)
+            .collect::<Result<_, serde_json::Error>>()
+            .map_err(|error| of_another_version(&error))
     }
 
     /// Makes a new run directory with manifest and plan on disk. Fails if there is anything at that place.
@@ -95,6 +123,14 @@ impl RecordedRun {
             .map_err(|error| failed("sync", path, &error))?;
         Ok(directory)
     }
+}
+
+fn of_another_version(error: &serde_json::Error) -> Complaint {
+    Complaint::new(
+        Exit::Wrong,
+        error,
+        Some("manifest.json is of another version of matrix".to_owned()),
+    )
 }
 
 fn write(path: &Path, record: &impl Serialize) -> std::io::Result<()> {

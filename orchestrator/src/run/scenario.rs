@@ -187,7 +187,8 @@ impl Run<'_> {
             .open
             .map(|open| open.environment);
         let mut asked = Vec::new();
-        for other in self.plan.scenarios.iter().filter(|other| other.runs()) {
+        let beside = |other: &&PlannedScenario| other.runs() && other.host == planned.host;
+        for other in self.plan.scenarios.iter().filter(beside) {
             let provider = (self.choose)(other)?;
             if asked.contains(&provider.name()) {
                 continue;

@@ -8,6 +8,7 @@ use tokio::signal::unix::{SignalKind, signal};
 
 use super::{
     Run,
+    register::Entry,
     state::RunState,
     stop::{self, StopSwitch},
 };
@@ -17,6 +18,7 @@ use crate::{
     lease::{self, Asked, Holder, Lease},
     observer::{Events, Observer, plain_log::PlainLog, progress_bars::ProgressBars},
     provider::Roster,
+    state_directory::StateDirectory,
     terminal::{self, Complaint},
 };
 
@@ -66,6 +68,12 @@ pub async fn carry_out(
 ) -> Result<Exit, Complaint> {
     let journal = Journal::open(&directory.journal())
         .map_err(|error| Complaint::new(Exit::Infrastructure, &error, Some(error.hint())))?;
+    // Before anything is created there.
+    if let Some(entry) = Entry::of(manifest) {
+        entry
+            .enter(&StateDirectory::of_this_user())
+            .map_err(|error| Complaint::new(Exit::Infrastructure, &error, None))?;
+    }
     let (switch, stop) = stop::stop_switch();
     tokio::spawn(listen(switch, directory.path().to_owned()));
     let choose = move |planned: &PlannedScenario| {

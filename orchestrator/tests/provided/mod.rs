@@ -10,6 +10,7 @@ use std::{
 };
 
 use orchestrator::{
+    host::Here,
     provider::{
         Environment, EnvironmentRequest, Provider,
         docker::{Docker, DockerSettings},
@@ -37,7 +38,7 @@ impl Platform {
     }
 
     pub fn native() -> Self {
-        Self::with_state(|state| Box::new(Native::new(HOST, state)))
+        Self::with_state(|state| Box::new(Native::new(Arc::new(Here::new(HOST, state)))))
     }
 
     pub fn docker() -> Self {

@@ -29,6 +29,10 @@ pub(super) fn render(report: &Report) -> String {
         if scenario.is_simulated {
             about.push("simulated, not measured".to_owned());
         }
+        about.extend(scenario.verdicts().iter().map(|verdict| {
+            let reasons = verdict.reasons.join(", ");
+            escaped(&format!("{verdict}: {reasons}"))
+        }));
         let (id, slug) = (escaped(&scenario.id), escaped(&scenario.slug));
         text.push_str(&format!(
             "\\item[{id}] {slug}: {}.\n",

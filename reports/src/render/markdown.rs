@@ -3,7 +3,7 @@
 use comfy_table::{CellAlignment, ContentArrangement, presets::ASCII_MARKDOWN};
 
 use crate::{
-    report::{Report, ScenarioReport, Standing, WindowReport},
+    report::{Report, ScenarioReport},
     run_directory::EnvironmentRecord,
     table::Table,
 };
@@ -91,23 +91,21 @@ fn scenario(scenario: &ScenarioReport) -> String {
     if let Some(hint) = &scenario.hint {
         item(format!("to do: {hint}"));
     }
-    let unmeasured = scenario.standing == Standing::NotStarted;
-    for (numbers, window) in alike(scenario)
-        .into_iter()
-        .filter(|(_, window)| !unmeasured && window.verdict != "valid")
-    {
-        let counts = if window.n > 0 { "counted" } else { "not counted" };
-        item(format!(
-            "{numbers} {}, {counts}: {}",
-            window.verdict,
-            window.reasons.join("; ")
-        ));
+    for verdict in scenario.verdicts() {
+        item(format!("{verdict}: {}", verdict.reasons.join("; ")));
     }
     for broken in &scenario.broken {
         item(format!(
             "window {} broke in {}: {}",
             broken.window, broken.environment, broken.reason
         ));
+    }
+    if let Some(foreign) = scenario
+        .environment
+        .as_ref()
+        .and_then(EnvironmentRecord::foreign_workload)
+    {
+        item(foreign);
     }
     for refusal in scenario.environment.iter().flat_map(EnvironmentRecord::refusals) {
         item(refusal);
@@ -116,22 +114,6 @@ fn scenario(scenario: &ScenarioReport) -> String {
         item(change);
     }
     items.join("\n")
-}
-
-/// The windows in runs of the same verdict for the same reasons, with what to call each run.
-fn alike(scenario: &ScenarioReport) -> Vec<(String, &WindowReport)> {
-    let same = |a: &WindowReport, b: &WindowReport| a.verdict == b.verdict && a.reasons == b.reasons;
-    let runs = scenario.windows.chunk_by(same);
-    runs.filter_map(|run| {
-        let (first, last) = (run.first()?, run.last()?);
-        let numbers = if run.len() == 1 {
-            format!("window {}", first.number)
-        } else {
-            format!("windows {} to {}", first.number, last.number)
-        };
-        Some((numbers, first))
-    })
-    .collect()
 }
 
 fn wrapped(text: &str, first: &str, rest: &str) -> String {

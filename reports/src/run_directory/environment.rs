@@ -46,6 +46,17 @@ impl EnvironmentRecord {
             .collect()
     }
 
+    /// That the workload was not built for the machine that the kernel says it is, in words; none where it was, or where
+    /// the record does not say.
+    #[must_use]
+    pub fn foreign_workload(&self) -> Option<String> {
+        let platform = self.platform.as_ref()?;
+        let name = |field: &str| platform.get(field).and_then(Value::as_str);
+        let (built_for, kernel) = (name("workload_machine")?, name("machine")?);
+        (built_for != kernel)
+            .then(|| format!("the workload is a program for {built_for}, on a kernel for {kernel}"))
+    }
+
     /// What the loops asked of the operating system and did not get, in words; empty if all was granted.
     #[must_use]
     pub fn refusals(&self) -> Vec<String> {

@@ -29,6 +29,24 @@ pub struct Manifest {
     pub seed: u64,
     /// The providers' own settings, as the matrix file's `providers:` section gives them.
     pub providers: serde_json::Value,
+    /// The hosts that the matrix file names; none in runs of earlier versions, which were on one machine.
+    #[serde(default)]
+    pub hosts: Vec<HostRecord>,
     /// How the tables are to be made.
     pub report: ReportSettings,
+}
+
+/// A host as it was when the run was planned.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct HostRecord {
+    /// Its name in the matrix file.
+    pub name: String,
+    /// How it is reached, as the matrix file says it.
+    pub connect: serde_json::Value,
+    /// What it is, as `uname -m` says it; empty where it could not be asked.
+    pub hardware: String,
+    /// `ID` and `VERSION_ID` of its os-release.
+    pub os: String,
+    /// Its kernel, as `uname -r` says it.
+    pub kernel: String,
 }

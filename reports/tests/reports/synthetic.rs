@@ -176,6 +176,7 @@ pub fn settings() -> Settings {
 
 fn manifest() -> Manifest {
     Manifest {
+        hosts: Vec::new(),
         format: FORMAT,
         run: "2026-11-21".to_owned(),
         created: "2026-11-21T04:00:00.000Z".to_owned(),

@@ -169,6 +169,18 @@ fn invalid_and_broken_windows_are_listed_and_never_counted() {
     ] {
         assert!(markdown.contains(line), "{line}\n{markdown}");
     }
+    let latex = report.latex();
+    let note = "Not valid: b window 1 invalid, not counted; b window 2 suspect, counted.";
+    for text in [&markdown, &latex] {
+        let spaced = text.split_whitespace().collect::<Vec<_>>().join(" ");
+        assert!(spaced.contains(note), "{text}");
+    }
+    for words in [
+        "window 1 invalid, not counted: 21 \\% of the steps were late",
+        "window 2 suspect, counted: the wall clock jumped by 2 s",
+    ] {
+        assert!(latex.contains(words), "{words}\n{latex}");
+    }
 }
 
 #[test]
@@ -326,22 +338,40 @@ fn how_late_the_emulator_let_packets_go_is_a_table_of_the_worst_window_that_coun
     );
 }
 
-#[test]
-fn a_platform_that_changed_while_it_was_measured_is_told() {
+/// The report, on one line, of a run where the workload saw that of one platform.
+fn told_of(platform: serde_json::Value) -> String {
     let synthetic = Synthetic::new(&nine());
-    let b = "i686-ubuntu-native";
-    let path = synthetic.directory.environment(b);
+    let path = synthetic.directory.environment("i686-ubuntu-native");
     let mut record: EnvironmentRecord = serde_json::from_slice(&std::fs::read(&path).unwrap()).unwrap();
-    record.platform = Some(json!({
-        "changes": [{"what": "cpu_governor", "before": "performance", "after": "powersave"}],
-    }));
+    record.platform = Some(platform);
     std::fs::write(&path, serde_json::to_vec(&record).unwrap()).unwrap();
     let markdown = report_of(&synthetic).markdown();
-    let spaced = markdown.split_whitespace().collect::<Vec<_>>().join(" ");
+    markdown.split_whitespace().collect::<Vec<_>>().join(" ")
+}
+
+#[test]
+fn a_platform_that_changed_while_it_was_measured_is_told() {
+    let told = told_of(json!({
+        "changes": [{"what": "cpu_governor", "before": "performance", "after": "powersave"}],
+    }));
     assert!(
-        spaced.contains(
+        told.contains(
             "the platform changed while it was measured: cpu_governor was `performance` and is `powersave`"
         ),
-        "{markdown}"
+        "{told}"
     );
+}
+
+#[test]
+fn a_workload_for_another_machine_than_the_kernels_is_told() {
+    let said = "the workload is a program for i686, on a kernel for x86_64";
+    let told = told_of(json!({"machine": "x86_64", "workload_machine": "i686"}));
+    assert!(told.contains(said), "{told}");
+    for alike in [
+        json!({"machine": "i686", "workload_machine": "i686"}),
+        json!({"machine": "x86_64", "workload_machine": null}),
+        json!({"machine": "x86_64"}),
+    ] {
+        assert!(!told_of(alike).contains("is a program for"));
+    }
 }

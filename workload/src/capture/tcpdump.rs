@@ -5,13 +5,10 @@
 //! and belongs to the window of its stamp, so that none is lost or doubled where two windows meet. SIGUSR1 makes it say
 //! what it has seen and what the kernel dropped (tcpdump(8)).
 
-// A child that must end with its parent has to say so between fork and exec.
-#![allow(unsafe_code)]
-
 use std::{
     io::{self, ErrorKind, Read},
     ops::Range,
-    os::{fd::AsFd, unix::process::CommandExt},
+    os::fd::AsFd,
     process::{Child, ChildStderr, ChildStdout, Command, Stdio},
     sync::Arc,
     time::{Duration, Instant},
@@ -22,11 +19,9 @@ use nix::{
     poll::{PollFd, PollFlags, ppoll},
     sys::{
         eventfd::EventFd,
-        prctl::set_pdeathsig,
         signal::{Signal, kill},
         time::TimeSpec,
     },
-    unistd::Pid,
 };
 use pcap_file::{PcapError, pcap::PcapParser};
 
@@ -34,7 +29,7 @@ use super::{
     CaptureError,
     packet_source::{Packet, PacketSource, Wakened, wait_for},
 };
-use crate::{settings::CaptureSettings, virtual_host::VirtualHost};
+use crate::{companion, settings::CaptureSettings, virtual_host::VirtualHost};
 
 /// The command.
 pub(super) const NAME: &str = "tcpdump";
@@ -141,11 +136,7 @@ impl Tcpdump {
         if let Some(expression) = &settings.filter {
             command.args(["--", expression]);
         }
-        // SAFETY: prctl is a system call that touches no memory of the parent.
-        unsafe {
-            command.pre_exec(|| Ok(set_pdeathsig(Signal::SIGKILL)?));
-        }
-        let mut child = command.spawn().map_err(not_started)?;
+        let mut child = companion::spawn(&mut command).map_err(not_started)?;
         let (Some(packets), Some(sayings)) = (child.stdout.take(), child.stderr.take()) else {
             return Err(not_started(io::Error::other("it has no pipes")));
         };
@@ -261,8 +252,7 @@ impl PacketSource for Tcpdump {
     }
 
     fn take_drops(&mut self) -> Result<u64, CaptureError> {
-        let pid = Pid::from_raw(i32::try_from(self.child.id()).unwrap_or(i32::MAX));
-        kill(pid, Signal::SIGUSR1).map_err(|source| CaptureError::Socket {
+        kill(companion::pid(&self.child), Signal::SIGUSR1).map_err(|source| CaptureError::Socket {
             host: self.host,
             action: "asking tcpdump what was dropped",
             source,

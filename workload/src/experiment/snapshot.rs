@@ -110,7 +110,7 @@ fn pass_since(now: &PassRecord, before: &PassRecord) -> PassRecord {
         lateness_mean_ns: total(now)
             .zip(total(before))
             .map(|(now, before)| mean(now, before)),
-        lateness_max_ns: now.lateness_max_ns,
+        lateness_max_of_run_ns: now.lateness_max_of_run_ns,
     }
 }
 
@@ -126,7 +126,7 @@ mod tests {
             overflowed: Some(0),
             delivered: offered - lost,
             lateness_mean_ns: Some(mean),
-            lateness_max_ns: Some(90),
+            lateness_max_of_run_ns: Some(90),
         };
         let since = pass_since(&pass(300, 3, 20.0), &pass(100, 1, 10.0));
         assert_eq!((since.offered, since.lost, since.delivered), (200, 2, 198));

@@ -131,17 +131,16 @@ impl Network for Kernel {
     }
 }
 
-/// Makes one link with both its ends in one namespace, impairs it as the paper does, and drops it.
+/// Makes one link with both its ends in one namespace, impairs it as the settings say, and drops it.
 ///
 /// # Errors
 /// What is missing.
-pub fn survey() -> Result<(), NetworkError> {
+pub fn survey(settings: &NetworkSettings) -> Result<(), NetworkError> {
     let mut transcript = Transcript::default();
     let switch = Namespace::create()?;
     make_bridge(&switch, &mut transcript)?;
-    let settings = NetworkSettings::default();
     let host = connect(VirtualHost::H1, &switch, settings.offloads, &mut transcript)?;
-    impair(&host, &VirtualHost::H1.interface(), &settings, &mut transcript)
+    impair(&host, &VirtualHost::H1.interface(), settings, &mut transcript)
 }
 
 /// A switch that forwards at once and says nothing itself.

@@ -221,7 +221,7 @@ impl Pass {
             overflowed: Some(self.overflowed),
             delivered: self.delivered,
             lateness_mean_ns: Some(self.lateness_total_ns as f64 / self.delivered.max(1) as f64),
-            lateness_max_ns: Some(self.lateness_max_ns),
+            lateness_max_of_run_ns: Some(self.lateness_max_ns),
         }
     }
 }

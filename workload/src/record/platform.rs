@@ -55,8 +55,11 @@ use crate::settings::RosMaster;
 pub struct PlatformRecord {
     /// [`super::FORMAT`] at the time of writing.
     pub format: u32,
-    /// As `uname -m` says it.
+    /// The kernel's, as `uname -m` says it. A kernel of x86_64 runs the workload for i686 too.
     pub machine: String,
+    /// The machine that the workload was built for, by the same names; none in records of earlier versions.
+    #[serde(default)]
+    pub workload_machine: Option<String>,
     /// `ID` and `VERSION_ID` of os-release, such as `debian-12`; empty in an image without one.
     pub os: String,
     /// As `uname -r`.

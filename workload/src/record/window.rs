@@ -195,8 +195,9 @@ pub struct PassRecord {
     pub delivered: u64,
     /// Mean time from when a packet was due to when it was delivered; none where nobody can say (the kernel).
     pub lateness_mean_ns: Option<f64>,
-    /// The largest such time since the run began; none where nobody can say.
-    pub lateness_max_ns: Option<u64>,
+    /// The largest such time since the run began, not only in this window; none where nobody can say.
+    #[serde(alias = "lateness_max_ns")]
+    pub lateness_max_of_run_ns: Option<u64>,
 }
 
 /// How late the emulator let packets go, in one window, over all passes through its links.

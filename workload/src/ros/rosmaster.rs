@@ -1,15 +1,12 @@
 //! Debian's rosmaster as a process of its own, for those who want the real one. The main type is [`Rosmaster`].
 //!
 //! It runs in the network namespace of the thread that starts it, is ready when it answers XML-RPC, is started again when
-//! it dies, and ends with its handle. It also ends when this process is killed: the kernel sends it SIGKILL when the
-//! thread that made it ends (`PR_SET_PDEATHSIG`, prctl(2)), which is why that thread stays.
+//! it dies, and ends with its handle. It also ends when this process is killed ([`companion`]), which is why the thread
+//! that made it stays.
 //!
 //! It keeps no log: that would be files on the disk of the machine that is being measured.
 //!
 //! Source: `rosmaster/main.py` and `rosgraph/roslogging.py` of Debian's python3-rosmaster 1.15.15.
-
-// A function to be run between fork and exec can be given only so.
-#![allow(unsafe_code)]
 
 use std::{
     env,
@@ -17,10 +14,7 @@ use std::{
     fs, io,
     io::Read,
     net::Ipv4Addr,
-    os::{
-        fd::{AsFd, OwnedFd},
-        unix::process::CommandExt,
-    },
+    os::fd::{AsFd, OwnedFd},
     path::PathBuf,
     process::{Child, Command, Stdio},
     sync::mpsc::{Receiver, Sender, channel},
@@ -30,11 +24,7 @@ use std::{
 use nix::{
     fcntl::OFlag,
     poll::PollFlags,
-    sys::{
-        prctl,
-        signal::{SigSet, Signal, kill},
-    },
-    unistd::{Pid, getpid, getppid},
+    sys::signal::{Signal, kill},
 };
 
 use super::{
@@ -43,6 +33,7 @@ use super::{
     stop::{Stop, WaitError},
     xml_rpc::Client,
 };
+use crate::companion;
 
 /// Its program, as Debian and ROS's own packages name it.
 const PROGRAM: &str = "rosmaster";
@@ -249,12 +240,7 @@ impl Process {
             .stdin(Stdio::null())
             .stdout(said.try_clone()?)
             .stderr(said);
-        let parent = getpid();
-        // SAFETY: between fork and exec only system calls are made, no memory is allocated and no lock taken.
-        unsafe {
-            command.pre_exec(move || end_with(parent));
-        }
-        let child = command.spawn()?;
+        let child = companion::spawn(&mut command)?;
         // With it this process's copies of the pipe's other end are closed.
         drop(command);
         Ok(Self { child, words })
@@ -284,7 +270,7 @@ impl Process {
         };
         if !ended {
             // Nothing of it is worth an orderly end: it has no files and its nodes end, too.
-            let _ = kill(pid_of(&self.child), Signal::SIGKILL);
+            let _ = kill(companion::pid(&self.child), Signal::SIGKILL);
         }
         let status = self.child.wait();
         ended.then(|| {
@@ -296,21 +282,6 @@ impl Process {
             })
         })
     }
-}
-
-fn pid_of(child: &Child) -> Pid {
-    Pid::from_raw(i32::try_from(child.id()).unwrap_or(i32::MAX))
-}
-
-/// In the new process: it ends with its parent and takes signals again, which this process blocks.
-fn end_with(parent: Pid) -> io::Result<()> {
-    prctl::set_pdeathsig(Signal::SIGKILL)?;
-    // The parent may have ended before the kernel was told.
-    if getppid() != parent {
-        return Err(io::ErrorKind::BrokenPipe.into());
-    }
-    SigSet::empty().thread_set_mask()?;
-    Ok(())
 }
 
 #[cfg(test)]
@@ -350,23 +321,9 @@ mod tests {
     fn it_has_ended_when_it_was_told_to() {
         let stop = Stop::new().unwrap();
         let process = shell("exec sleep 1000");
-        let pid = pid_of(&process.child);
+        let pid = companion::pid(&process.child);
         stop.raise();
         assert_eq!(process.attend(&stop), None);
         assert_eq!(kill(pid, None), Err(nix::errno::Errno::ESRCH));
-    }
-
-    #[test]
-    fn it_ends_with_the_thread_that_started_it() {
-        let (words, pid) = std::thread::spawn(|| {
-            let Process { child, words } = shell("exec sleep 1000");
-            (words, pid_of(&child))
-        })
-        .join()
-        .unwrap();
-        // Its end closes the pipe.
-        let mut rest = Vec::new();
-        fs::File::from(words).read_to_end(&mut rest).unwrap();
-        nix::sys::wait::waitpid(pid, None).unwrap();
     }
 }

@@ -20,20 +20,7 @@ fn the_loops_hold_their_schedule_and_their_connections_while_strangers_do_their_
     let _machine = machine();
     let data = TempDir::new().unwrap();
     let settings = format!(r#"{{"windows":4,"window":"3s","period":"1s",{SHORT_LINKS}}}"#);
-    let path = data.path().to_str().unwrap();
-    let arguments = [
-        "run",
-        "--environment",
-        "test",
-        "--settings",
-        &settings,
-        "--windows",
-        "1,2,3,4",
-        "--data",
-        path,
-    ];
-    let mut stage = Stage::start(&arguments);
-    stage.wait_for(|progress| matches!(progress, Progress::Measuring { .. }));
+    let mut stage = Stage::run(&settings, "1,2,3,4", data.path());
     let stranger = abuse(&stage);
     stage.wait_for(|progress| matches!(progress, Progress::Finished));
     let rounds = stranger.said();

@@ -151,20 +151,7 @@ fn the_wire_shows_tcp_nodelay_as_each_subscriber_asked(#[case] ours_asks: bool) 
     let _machine = machine();
     let data = TempDir::new().unwrap();
     let settings = format!(r#"{{{SETTINGS},"ros":{{"tcp_nodelay":{ours_asks}}}}}"#);
-    let path = data.path().to_str().unwrap();
-    let arguments = [
-        "run",
-        "--environment",
-        "test",
-        "--settings",
-        &settings,
-        "--windows",
-        "1",
-        "--data",
-        path,
-    ];
-    let mut stage = Stage::start(&arguments);
-    stage.wait_for(|progress| matches!(progress, Progress::Measuring { .. }));
+    let mut stage = Stage::run(&settings, "1", data.path());
     let _asks = stage.node("h1", "listener.py", &["asks", "nodelay"]);
     let _does_not = stage.node("h1", "listener.py", &["does_not"]);
     stage.wait_for(|progress| matches!(progress, Progress::Finished));

@@ -100,6 +100,24 @@ impl Stage {
         stage
     }
 
+    /// `workload run`, up to where it measures the first of the windows, which are listed as `1,2`.
+    pub fn run(settings: &str, windows: &str, data: &Path) -> Self {
+        let arguments = [
+            OsStr::new("run"),
+            "--environment".as_ref(),
+            "test".as_ref(),
+            "--settings".as_ref(),
+            settings.as_ref(),
+            "--windows".as_ref(),
+            windows.as_ref(),
+            "--data".as_ref(),
+            data.as_ref(),
+        ];
+        let mut stage = Self::start(&arguments);
+        stage.wait_for(|progress| matches!(progress, Progress::Measuring { .. }));
+        stage
+    }
+
     pub fn start(arguments: &[impl AsRef<OsStr>]) -> Self {
         let mut child = Command::new(env!("CARGO_BIN_EXE_workload"))
             .args(arguments)

@@ -1,20 +1,23 @@
 //! What we ask an engine for: a container with the workload as its main process, and its volume. Pure. The functions
-//! are [`workload`] and [`reader`].
+//! are [`workload`], [`check`] and [`reader`].
 //!
 //! The workload makes network namespaces, TAP devices and packet captures and wants real-time priority; each of these
 //! needs one capability. It gets those, and no other, and no network of the engine's.
 
 use std::{collections::HashMap, path::Path};
 
+use ::workload::settings::Need;
 use bollard::models::{
     ContainerCreateBody, DeviceMapping, HostConfig, HostConfigLogConfig, Mount, MountType, MountVolumeOptions,
 };
 
 use super::{labels::Labels, settings::DockerSettings};
-use crate::provider::EnvironmentRequest;
+use crate::provider::{EnvironmentRequest, trial};
 
 /// Where the volume is in the container.
 pub const DATA: &str = "/data";
+/// Where the workload is in the container, in our images by the Dockerfile.
+const WORKLOAD: &str = "/workload";
 
 /// Each with what it is for.
 const CAPABILITIES: [&str; 5] = [
@@ -33,41 +36,67 @@ pub fn workload(request: &EnvironmentRequest, settings: &DockerSettings, image: 
         .into_iter()
         .map(|argument| argument.to_string_lossy().into_owned())
         .collect();
-    let strings = |words: &[&str]| Some(words.iter().map(ToString::to_string).collect());
+    ContainerCreateBody {
+        host_config: Some(HostConfig {
+            readonly_rootfs: Some(true),
+            mounts: Some(vec![volume(request)]),
+            ..rights_and_limits(settings)
+        }),
+        ..running(arguments, &Labels::of_environment(request), image)
+    }
+}
+
+/// A container upon the user's own image, in which the workload says whether a need is met. The workload has to be
+/// copied into it before it is started.
+#[must_use]
+pub fn check(need: &Need, settings: &DockerSettings, image: &str) -> ContainerCreateBody {
+    ContainerCreateBody {
+        // As an image of ours has them, whatever the one below says.
+        user: Some("0:0".to_owned()),
+        working_dir: Some("/".to_owned()),
+        host_config: Some(rights_and_limits(settings)),
+        ..running(trial::arguments(need).into(), &Labels::of_check(), image)
+    }
+}
+
+/// The workload as the main process.
+fn running(arguments: Vec<String>, labels: &Labels, image: &str) -> ContainerCreateBody {
     ContainerCreateBody {
         image: Some(image.to_owned()),
-        entrypoint: strings(&["/workload"]),
+        entrypoint: strings(&[WORKLOAD]),
         cmd: Some(arguments),
         hostname: Some("workload".to_owned()),
-        labels: Some(Labels::of_environment(request).write()),
+        labels: Some(labels.write()),
         attach_stdout: Some(false),
         attach_stderr: Some(false),
-        host_config: Some(HostConfig {
-            cap_drop: strings(&["ALL"]),
-            cap_add: strings(&CAPABILITIES),
-            security_opt: strings(&["no-new-privileges:true"]),
-            readonly_rootfs: Some(true),
-            network_mode: Some("none".to_owned()),
-            devices: Some(vec![tun()]),
-            mounts: Some(vec![volume(request)]),
-            // Whatever the engine's default is: this one can be followed from its first line. A size must be given, or
-            // an engine with a default for it would drop what is older.
-            log_config: Some(HostConfigLogConfig {
-                typ: Some("json-file".to_owned()),
-                config: Some(HashMap::from([("max-size".to_owned(), "64g".to_owned())])),
-            }),
-            nano_cpus: settings.cpus.map(|cpus| (cpus * 1e9).round() as i64),
-            cpuset_cpus: settings.cpuset.clone(),
-            memory: settings.memory.map(|memory| i64_of(memory.get())),
-            // No swap beyond the limit: a workload that is swapped out is not worth measuring.
-            memory_swap: settings.memory.map(|memory| i64_of(memory.get())),
-            cpu_realtime_period: settings.realtime_runtime.map(|_| 1_000_000),
-            cpu_realtime_runtime: settings
-                .realtime_runtime
-                .map(|runtime| i64_of(runtime.as_nanos() / 1000)),
-            ..HostConfig::default()
-        }),
         ..ContainerCreateBody::default()
+    }
+}
+
+/// What the workload may do, and how much of the machine it has.
+fn rights_and_limits(settings: &DockerSettings) -> HostConfig {
+    HostConfig {
+        cap_drop: strings(&["ALL"]),
+        cap_add: strings(&CAPABILITIES),
+        security_opt: strings(&["no-new-privileges:true"]),
+        network_mode: Some("none".to_owned()),
+        devices: Some(vec![tun()]),
+        // Whatever the engine's default is: this one can be followed from its first line. A size must be given, or
+        // an engine with a default for it would drop what is older.
+        log_config: Some(HostConfigLogConfig {
+            typ: Some("json-file".to_owned()),
+            config: Some(HashMap::from([("max-size".to_owned(), "64g".to_owned())])),
+        }),
+        nano_cpus: settings.cpus.map(|cpus| (cpus * 1e9).round() as i64),
+        cpuset_cpus: settings.cpuset.clone(),
+        memory: settings.memory.map(|memory| i64_of(memory.get())),
+        // No swap beyond the limit: a workload that is swapped out is not worth measuring.
+        memory_swap: settings.memory.map(|memory| i64_of(memory.get())),
+        cpu_realtime_period: settings.realtime_runtime.map(|_| 1_000_000),
+        cpu_realtime_runtime: settings
+            .realtime_runtime
+            .map(|runtime| i64_of(runtime.as_nanos() / 1000)),
+        ..HostConfig::default()
     }
 }
 
@@ -110,6 +139,10 @@ fn tun() -> DeviceMapping {
     }
 }
 
+fn strings(words: &[&str]) -> Option<Vec<String>> {
+    Some(words.iter().map(ToString::to_string).collect())
+}
+
 fn i64_of(number: u64) -> i64 {
     i64::try_from(number).unwrap_or(i64::MAX)
 }
@@ -149,6 +182,21 @@ mod tests {
             (host.memory, host.nano_cpus, host.cpuset_cpus),
             (None, None, None)
         );
+    }
+
+    #[test]
+    fn a_check_has_the_rights_and_limits_of_a_measurement_and_no_volume() {
+        let settings = DockerSettings {
+            memory: Some(Bytes::new(512 << 20)),
+            ..DockerSettings::default()
+        };
+        let mut measuring = workload(&request(), &settings, "i").host_config.unwrap();
+        let check = check(&Need::of(&Settings::default()), &settings, "i");
+        assert_eq!(measuring.mounts.take().map(|mounts| mounts.len()), Some(1));
+        assert_eq!(measuring.readonly_rootfs.take(), Some(true));
+        assert_eq!(check.host_config.unwrap(), measuring);
+        assert_eq!(check.entrypoint.unwrap(), ["/workload"]);
+        assert_eq!(check.cmd.unwrap()[0], "check");
     }
 
     #[test]

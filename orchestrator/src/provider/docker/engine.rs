@@ -16,7 +16,8 @@ use crate::{
 /// The oldest API that this was tried with: Engine 20.10.
 const OLDEST_API: (u32, u32) = (1, 41);
 const TUN: &str = "/dev/net/tun";
-const SOCKET: &str = "/var/run/docker.sock";
+/// Where an engine listens unless it is told otherwise.
+pub const SOCKET: &str = "/var/run/docker.sock";
 
 /// An engine that answers.
 #[derive(Debug, Clone)]
@@ -57,6 +58,15 @@ impl Engine {
             kernel: version.kernel_version.unwrap_or_default(),
             is_here: address.starts_with("unix://"),
         })
+    }
+
+    /// The same, on another machine, whatever its address looks like.
+    #[must_use]
+    pub fn elsewhere(self) -> Self {
+        Self {
+            is_here: false,
+            ..self
+        }
     }
 
     /// Whether it can run our workload.

@@ -1,7 +1,7 @@
 //! The image that containers are made of: the workload alone, or on top of an image that the user names. Built by the
 //! engine from `dockerfiles/workload.Dockerfile` and the binary that `matrix` carries. The function is [`ensure`].
 
-use std::{collections::HashMap, io};
+use std::collections::HashMap;
 
 use bollard::{body_full, query_parameters::BuildImageOptionsBuilder};
 use futures_util::TryStreamExt as _;
@@ -105,12 +105,10 @@ async fn existing(engine: &Engine, name: &str) -> Result<Option<String>, Provide
 
 async fn build(engine: &Engine, name: &str, base: Option<&str>) -> Result<(), ProviderError> {
     let action = format!("building the image {name}");
-    let context = context().map_err(|source| ProviderError::Refused {
-        platform: "this machine".to_owned(),
-        action: action.clone(),
-        hint: None,
-        source: source.into(),
-    })?;
+    let context = archive(
+        &action,
+        &[("Dockerfile", 0o644, DOCKERFILE.as_bytes()), workload()],
+    )?;
     let options = BuildImageOptionsBuilder::default()
         .dockerfile("Dockerfile")
         .t(name)
@@ -128,19 +126,39 @@ async fn build(engine: &Engine, name: &str, base: Option<&str>) -> Result<(), Pr
         .map_err(|error| translate(&action, error))
 }
 
-/// What the engine builds from, as a tar archive. Without times, so that the engine's cache knows it again.
-fn context() -> io::Result<Vec<u8>> {
+/// A file for the engine: its name, its mode and what is in it.
+type File = (&'static str, u32, &'static [u8]);
+
+/// The workload, which is at the root of every container.
+#[must_use]
+pub fn workload() -> File {
+    ("workload", 0o755, workload_binary::bytes())
+}
+
+/// Files as a tar archive, as an engine takes them. Without times, so that the engine's cache knows them again.
+///
+/// # Errors
+/// When this machine has no memory for it.
+pub fn archive(action: &str, files: &[File]) -> Result<Vec<u8>, ProviderError> {
     let mut archive = tar::Builder::new(Vec::new());
-    for (path, mode, content) in [
-        ("Dockerfile", 0o644, DOCKERFILE.as_bytes()),
-        ("workload", 0o755, workload_binary::bytes()),
-    ] {
-        let mut header = tar::Header::new_gnu();
-        header.set_size(content.len() as u64);
-        header.set_mode(mode);
-        archive.append_data(&mut header, path, content)?;
-    }
-    archive.into_inner()
+    let mut pack = || {
+        for (path, mode, content) in files {
+            let mut header = tar::Header::new_gnu();
+            header.set_size(content.len() as u64);
+            header.set_mode(*mode);
+            archive.append_data(&mut header, path, *content)?;
+        }
+        archive.finish()
+    };
+    let packed = pack();
+    packed
+        .and_then(|()| archive.into_inner())
+        .map_err(|source| ProviderError::Refused {
+            platform: "this machine".to_owned(),
+            action: action.to_owned(),
+            hint: None,
+            source: source.into(),
+        })
 }
 
 #[cfg(test)]
@@ -166,9 +184,9 @@ mod tests {
     }
 
     #[test]
-    fn the_context_has_the_dockerfile_and_a_binary_that_can_be_run() {
-        let context = context().unwrap();
-        let mut archive = tar::Archive::new(context.as_slice());
+    fn an_archive_has_its_files_and_a_binary_that_can_be_run() {
+        let packed = archive("packing", &[("Dockerfile", 0o644, b"FROM scratch"), workload()]).unwrap();
+        let mut archive = tar::Archive::new(packed.as_slice());
         let entries: Vec<_> = archive
             .entries()
             .unwrap()

@@ -33,6 +33,12 @@ impl Labels {
         ])
     }
 
+    /// Of a container that belongs to no run.
+    #[must_use]
+    pub fn of_check() -> Self {
+        Self::with([(OWNER, owner())])
+    }
+
     /// Of an image with the workload of this hash.
     #[must_use]
     pub fn of_image(workload_sha256: &str) -> Self {

@@ -1,6 +1,6 @@
 //! A model of TCP's sending, whose course is drawn at random and known byte by byte, against what is made of its packets.
 
-use std::collections::BTreeMap;
+use std::{collections::BTreeMap, ops::Range};
 
 use etherparse::{PacketBuilder, TcpOptionElement};
 use proptest::prelude::*;
@@ -285,12 +285,7 @@ proptest! {
     ) {
         // One segment a message; the sender's capture lacks some.
         let (stream, length) = stream(20);
-        let course: Vec<Transmission> = (0..20_usize).map(|index| Transmission {
-            begin: index * length,
-            end: (index + 1) * length,
-            sent_ns: (index as i64 + 1) * 20 * MILLISECOND,
-            arrived_ns: Some((index as i64 + 2) * 20 * MILLISECOND),
-        }).collect();
+        let course = a_segment_each(0..20, length, 20 * MILLISECOND);
         let connection = Connection { first_sequence: 7, with_clock: true };
         let mut packets = packets(connection, &stream, &course);
         packets.retain(|packet| {
@@ -303,17 +298,24 @@ proptest! {
     }
 }
 
+/// Messages that are sent in a segment each, one every `every_ns`, and arrive 20 ms later.
+fn a_segment_each(messages: Range<usize>, length: usize, every_ns: i64) -> Vec<Transmission> {
+    let segment = |index: usize| {
+        let sent_ns = (index as i64 + 1) * every_ns;
+        Transmission {
+            begin: index * length,
+            end: (index + 1) * length,
+            sent_ns,
+            arrived_ns: Some(sent_ns + 20 * MILLISECOND),
+        }
+    };
+    messages.map(segment).collect()
+}
+
 /// Sends states 1 to 3 a segment each; `change` is what happens to them on the way.
 fn three(change: impl FnOnce(&mut Vec<Transmission>)) -> Vec<Delivery> {
     let (stream, length) = stream(3);
-    let mut course: Vec<Transmission> = (0..3_usize)
-        .map(|index| Transmission {
-            begin: index * length,
-            end: (index + 1) * length,
-            sent_ns: (index as i64 + 1) * 10 * MILLISECOND,
-            arrived_ns: Some((index as i64 + 3) * 10 * MILLISECOND),
-        })
-        .collect();
+    let mut course = a_segment_each(0..3, length, 10 * MILLISECOND);
     change(&mut course);
     let connection = Connection {
         first_sequence: u32::MAX - 100,
@@ -360,30 +362,14 @@ fn a_lost_message_is_sent_again_and_not_reordered() {
 #[test]
 fn a_link_that_loses_before_the_senders_capture_shows_the_second_attempt_as_one() {
     // netem on the sender's own device: what it loses was never on the wire that the capture sees.
-    let (stream, length) = stream(3);
-    let connection = Connection {
-        first_sequence: 1,
-        with_clock: true,
-    };
-    let again = Transmission {
-        begin: 0,
-        end: length,
-        sent_ns: 230 * MILLISECOND,
-        arrived_ns: Some(250 * MILLISECOND),
-    };
-    let mut course: Vec<Transmission> = (1..3_usize)
-        .map(|index| Transmission {
-            begin: index * length,
-            end: (index + 1) * length,
-            sent_ns: (index as i64 + 1) * 10 * MILLISECOND,
-            arrived_ns: Some((index as i64 + 3) * 10 * MILLISECOND),
-        })
-        .collect();
-    course.push(again);
-    let given: Vec<Delivery> = deliveries(packets(connection, &stream, &course))
-        .into_iter()
-        .map(|(_, delivery)| delivery)
-        .collect();
+    let given = three(|course| {
+        let again = Transmission {
+            sent_ns: 230 * MILLISECOND,
+            arrived_ns: Some(250 * MILLISECOND),
+            ..course.remove(0)
+        };
+        course.push(again);
+    });
     assert_eq!(counts(&given), [(1, 0, false), (0, 0, false), (0, 0, false)]);
 }
 
@@ -481,14 +467,7 @@ fn ports_that_are_used_anew_are_another_connection() {
 #[test]
 fn a_whole_connection_needs_the_memory_of_what_is_under_way() {
     let (stream, length) = stream(2000);
-    let course: Vec<Transmission> = (0..2000_usize)
-        .map(|index| Transmission {
-            begin: index * length,
-            end: (index + 1) * length,
-            sent_ns: (index as i64 + 1) * 20 * MILLISECOND,
-            arrived_ns: Some((index as i64 + 2) * 20 * MILLISECOND),
-        })
-        .collect();
+    let course = a_segment_each(0..2000, length, 20 * MILLISECOND);
     let mut packets = packets(
         Connection {
             first_sequence: 1,

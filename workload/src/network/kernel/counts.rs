@@ -30,7 +30,7 @@ pub fn of_netem(json: &str) -> Option<PassRecord> {
         overflowed: None,
         delivered: packets,
         lateness_mean_ns: None,
-        lateness_max_ns: None,
+        lateness_max_of_run_ns: None,
     })
 }
 
@@ -50,7 +50,7 @@ mod tests {
             "{counts:?}"
         );
         assert_eq!(counts.overflowed, None, "netem does not tell it from a loss");
-        assert_eq!(counts.lateness_max_ns, None, "the kernel does not say");
+        assert_eq!(counts.lateness_max_of_run_ns, None, "the kernel does not say");
     }
 
     #[test]

@@ -67,7 +67,7 @@ fn coming_to_look_late_does_not_delay_what_follows() {
     assert_eq!(advance(&mut star, 1013 * MS), vec![]);
     assert_eq!(advance(&mut star, 1050 * MS), vec![(Sta2, 1020 * MS, 1)]);
     let sta1 = &star.links()[Sta1.index()];
-    assert_eq!(sta1.up.lateness_max_ns, Some(3 * MS));
+    assert_eq!(sta1.up.lateness_max_of_run_ns, Some(3 * MS));
 }
 
 #[test]
@@ -105,7 +105,7 @@ const IDLE: PassRecord = PassRecord {
     overflowed: Some(0),
     delivered: 0,
     lateness_mean_ns: Some(0.0),
-    lateness_max_ns: Some(0),
+    lateness_max_of_run_ns: Some(0),
 };
 
 #[test]
@@ -144,7 +144,7 @@ fn everything_is_counted_where_it_happens() {
         "ten packets at once want to wait where five may"
     );
     assert_eq!(
-        (sta2.down.lateness_mean_ns, sta2.down.lateness_max_ns),
+        (sta2.down.lateness_mean_ns, sta2.down.lateness_max_of_run_ns),
         (Some(500.0), Some(500))
     );
 }

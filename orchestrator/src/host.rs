@@ -1,0 +1,108 @@
+//! Hosts: the machines that environments are made on, this one and others over SSH. A [`Host`] starts programs and opens
+//! sockets there; everything else (the workload's keeper, a Docker Engine, Vagrant) is a program or a socket, and does
+//! not know where it is.
+//!
+//! ```text
+//! provider ── Program ──> Host ──> a process of this machine
+//!          <── stream ───      └─> a process behind SSH
+//! ```
+
+mod error;
+mod forward;
+mod here;
+mod output;
+mod program;
+pub mod ssh;
+
+use std::{path::PathBuf, sync::Arc};
+
+use async_trait::async_trait;
+use tokio::net::UnixStream;
+
+use self::ssh::{SshClient, SshHost, Trust};
+use crate::{
+    matrix_file::{Connection, SshAddress},
+    state_directory::StateDirectory,
+};
+
+pub use self::{
+    error::HostError,
+    forward::Forward,
+    here::Here,
+    output::output,
+    program::{Exit, Program, ProgramEnd, RunningProgram},
+};
+
+/// The host that a matrix file names, with what is put on this machine in this state directory.
+#[must_use]
+pub fn of(name: &str, connection: &Connection, state: &StateDirectory) -> Arc<dyn Host> {
+    match connection {
+        Connection::Local => Arc::new(Here::new(name, state.clone())),
+        Connection::Ssh(ssh) => Arc::new(SshHost::new(
+            name,
+            ssh.clone(),
+            Trust::KnownHosts,
+            SshClient::of_this_user(),
+        )),
+    }
+}
+
+/// A machine that programs are started on.
+#[async_trait]
+pub trait Host: Send + Sync {
+    /// Its name in the matrix file.
+    fn name(&self) -> &str;
+
+    /// Whether it is where this process runs, so that what we see of our surroundings is the host's.
+    fn is_this_machine(&self) -> bool {
+        false
+    }
+
+    /// Starts a program, which lives at most as long as its stream and, over SSH, as the connection: what is to outlive
+    /// us detaches itself.
+    ///
+    /// # Errors
+    /// When the host cannot be reached or refuses. That there is no such program is its end, as a shell says it: 127.
+    async fn start(&self, program: &Program) -> Result<RunningProgram, HostError>;
+
+    /// Connects to a socket as it is named there.
+    ///
+    /// # Errors
+    /// When the host cannot be reached, or nobody listens.
+    async fn connect(&self, listener: &Listener) -> Result<UnixStream, HostError>;
+
+    /// The workload for what the host is, put there if it is not there yet.
+    ///
+    /// # Errors
+    /// When there is none for such a machine, or it cannot be put there.
+    async fn deploy(&self) -> Result<Deployed, HostError>;
+
+    /// A machine that we have just made on it and that is reached from it, over SSH with the key in this file of ours.
+    /// Nothing is connected before something is asked of it.
+    fn machine_behind(&self, name: &str, address: SshAddress, identity: PathBuf) -> Arc<dyn Host>;
+}
+
+/// Something on a host that can be connected to.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub enum Listener {
+    /// A socket in the file system.
+    Unix(PathBuf),
+    /// A TCP port, of a name or address as the host resolves it.
+    Tcp {
+        /// Name or address.
+        host: String,
+        /// Port.
+        port: u16,
+    },
+}
+
+/// The workload as it is on a host.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct Deployed {
+    /// Its file there.
+    pub program: PathBuf,
+    /// Its SHA-256, in hexadecimal.
+    pub sha256: String,
+    /// The folder there that has a folder for each detached environment: `--root` of `workload detached`.
+    pub environments: PathBuf,
+}

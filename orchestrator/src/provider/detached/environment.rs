@@ -1,0 +1,153 @@
+//! A live environment that a keeper keeps. The main type is [`DetachedEnvironment`].
+
+use std::{io, path::Path, sync::Arc};
+
+use async_trait::async_trait;
+use serde_json::{Map, Value};
+use tokio::{io::AsyncReadExt as _, net::UnixStream, task::JoinHandle, time::Instant};
+use workload::record::{detached, progress::Progress};
+
+use super::{
+    Keeper,
+    patience::{Patience, patiently},
+    transfer,
+};
+use crate::{
+    host::{Exit, HostError},
+    provider::{Ended, Environment, ProviderError, lines::Lines},
+};
+
+const FOLLOWING: &str = "following the workload's lines";
+
+/// An environment of a keeper, by its name.
+pub struct DetachedEnvironment {
+    keeper: Arc<Keeper>,
+    environment: String,
+    facts: Map<String, Value>,
+    /// Whether it ran when it was created or found.
+    ran: bool,
+    following: Option<Following>,
+    lines: Lines,
+    /// How many bytes of its lines have come: where the next connection goes on.
+    received: u64,
+    /// Whether these are all there will ever be.
+    complete: bool,
+    patience: Patience,
+    last_line: Option<Progress>,
+}
+
+/// `workload detached follow`, running.
+struct Following {
+    stream: UnixStream,
+    /// A task, so that waiting for it can be given up and taken up again.
+    end: JoinHandle<Result<Exit, HostError>>,
+    since: Instant,
+}
+
+impl DetachedEnvironment {
+    /// That of this name; with what explains it, and whether its workload runs.
+    #[must_use]
+    pub fn new(keeper: Arc<Keeper>, environment: &str, facts: Map<String, Value>, running: bool) -> Self {
+        Self {
+            keeper,
+            environment: environment.to_owned(),
+            facts,
+            ran: running,
+            following: None,
+            lines: Lines::default(),
+            received: 0,
+            complete: false,
+            patience: Patience::default(),
+            last_line: None,
+        }
+    }
+
+    /// Takes in more of the lines, or notices that there are no more. Cancel-safe: what has come is kept, and a connection
+    /// that was being made is made again.
+    async fn take_in(&mut self) -> Result<(), ProviderError> {
+        self.patience.pause().await;
+        let following = match &mut self.following {
+            Some(following) => following,
+            none => {
+                let running = self.keeper.follow(&self.environment, self.received).await?;
+                none.insert(Following {
+                    stream: running.stream,
+                    end: tokio::spawn(running.end.wait()),
+                    since: Instant::now(),
+                })
+            }
+        };
+        let mut piece = [0_u8; 8192];
+        // However the stream ends, the program's end says what that means.
+        let read = following.stream.read(&mut piece).await.unwrap_or(0);
+        self.patience.restore(Instant::now(), following.since);
+        if read > 0 {
+            self.received += read as u64;
+            self.lines.push(piece.get(..read).unwrap_or_default());
+            return Ok(());
+        }
+        let end = (&mut following.end).await;
+        self.following = None;
+        let exit = end.map_err(|error| ProviderError::Disconnected {
+            platform: format!("host `{}`", self.keeper.host()),
+            action: FOLLOWING.to_owned(),
+            source: io::Error::other(error).into(),
+        })??;
+        if !exit.success() {
+            return Err(self.keeper.refusal(FOLLOWING, &exit));
+        }
+        self.complete = true;
+        Ok(())
+    }
+}
+
+#[async_trait]
+impl Environment for DetachedEnvironment {
+    fn facts(&self) -> Map<String, Value> {
+        self.facts.clone()
+    }
+
+    fn running(&self) -> bool {
+        self.ran
+    }
+
+    async fn next_progress(&mut self) -> Result<Option<Progress>, ProviderError> {
+        loop {
+            if let Some(line) = self.lines.next_line()? {
+                self.last_line = Some(line.clone());
+                return Ok(Some(line));
+            }
+            if self.complete {
+                return Ok(None);
+            }
+            if let Err(error) = self.take_in().await {
+                self.patience.bear(error)?;
+            }
+        }
+    }
+
+    async fn stop(&mut self) -> Result<(), ProviderError> {
+        patiently(|| self.keeper.stop(&self.environment)).await.map(drop)
+    }
+
+    async fn ended(&mut self) -> Result<Ended, ProviderError> {
+        while self.next_progress().await?.is_some() {}
+        let ending = patiently(|| self.keeper.ending(&self.environment)).await?;
+        let ended = match ending.ended {
+            Some(detached::Ended::Code(code)) => Ended::by_exit_code(code.into()),
+            Some(detached::Ended::Signal(signal)) => Ended::by_signal(signal.into()),
+            None => Ended::by_last_line(self.last_line.as_ref()),
+        };
+        Ok(ended.with_last_words(&ending.last_words))
+    }
+
+    async fn collect(&mut self, into: &Path) -> Result<(), ProviderError> {
+        transfer::collect(&self.keeper, &self.environment, into).await
+    }
+
+    async fn discard(self: Box<Self>) -> Result<(), ProviderError> {
+        patiently(|| self.keeper.remove(&self.environment))
+            .await
+            .map(drop)
+    }
+}

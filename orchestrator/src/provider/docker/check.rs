@@ -1,0 +1,87 @@
+//! Whether an image that the user names has what a need demands, by asking the workload in a container of it. The
+//! function is [`check`].
+
+use std::{
+    process,
+    sync::atomic::{AtomicU32, Ordering},
+};
+
+use bollard::{
+    body_full,
+    query_parameters::{
+        CreateContainerOptionsBuilder, LogsOptionsBuilder, StartContainerOptions,
+        UploadToContainerOptionsBuilder,
+    },
+};
+use futures_util::TryStreamExt as _;
+use workload::{record::check::CheckRecord, settings::Need};
+
+use super::{
+    container,
+    engine::{Engine, translate},
+    environment::remove_container,
+    follow::until_ended,
+    image,
+    settings::DockerSettings,
+};
+use crate::provider::{
+    ProviderError,
+    trial::{self, ACTION, PATIENCE},
+};
+
+/// Asks the workload in a container of the image, with the rights and limits of one that measures, and removes the
+/// container. The image stays as it is, and none is built. Who is killed meanwhile leaves a container that
+/// `matrix clean` finds.
+///
+/// # Errors
+/// When the engine refuses, or the workload does not answer in time and as agreed.
+pub async fn check(
+    engine: &Engine,
+    image: &str,
+    need: &Need,
+    settings: &DockerSettings,
+) -> Result<CheckRecord, ProviderError> {
+    static NUMBER: AtomicU32 = AtomicU32::new(0);
+    let number = NUMBER.fetch_add(1, Ordering::Relaxed);
+    let name = format!("matrix-check-{}-{number}", process::id());
+    let failed = |error| translate(ACTION, error);
+    let options = CreateContainerOptionsBuilder::default().name(&name).build();
+    engine
+        .api
+        .create_container(Some(options), container::check(need, settings, image))
+        .await
+        .map_err(failed)?;
+    let asked = tokio::time::timeout(PATIENCE, ask(engine, &name)).await;
+    remove_container(engine, &name).await?;
+    asked.map_err(|_| ProviderError::TimedOut {
+        action: ACTION.to_owned(),
+        after: PATIENCE,
+    })?
+}
+
+/// Puts the workload into the container, runs it to its end and reads what it printed.
+async fn ask(engine: &Engine, name: &str) -> Result<CheckRecord, ProviderError> {
+    let failed = |error| translate(ACTION, error);
+    let workload = image::archive(ACTION, &[image::workload()])?;
+    let options = UploadToContainerOptionsBuilder::default().path("/").build();
+    engine
+        .api
+        .upload_to_container(name, Some(options), body_full(workload.into()))
+        .await
+        .map_err(failed)?;
+    engine
+        .api
+        .start_container(name, None::<StartContainerOptions>)
+        .await
+        .map_err(failed)?;
+    until_ended(engine, name).await?;
+    let options = LogsOptionsBuilder::default().stdout(true).tail("all").build();
+    let printed: Vec<_> = engine
+        .api
+        .logs(name, Some(options))
+        .try_collect()
+        .await
+        .map_err(failed)?;
+    let printed: Vec<u8> = printed.into_iter().flat_map(|piece| piece.into_bytes()).collect();
+    trial::answer(&printed)
+}

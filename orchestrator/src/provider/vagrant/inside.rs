@@ -1,0 +1,133 @@
+//! The inside of a machine as a host: what SSH reaches, as long as there is a machine. The main type is [`Inside`].
+
+use std::{io::Write as _, sync::Arc, time::Duration};
+
+use async_trait::async_trait;
+use tempfile::NamedTempFile;
+use tokio::net::UnixStream;
+
+use super::{RUNNING, machine::Machine};
+use crate::{
+    host::{Deployed, Host, HostError, Listener, Program, RunningProgram, output},
+    provider::ProviderError,
+};
+
+/// How long it may take to become root.
+const PATIENCE: Duration = Duration::from_secs(60);
+
+/// The same program, run by root: networks of the kernel's, real-time priorities and tcpdump are for root alone.
+fn as_root(program: &Program) -> Program {
+    let arguments = ["-n".into(), "--".into(), program.file.clone().into_os_string()];
+    Program::new(
+        "sudo",
+        arguments.into_iter().chain(program.arguments.iter().cloned()),
+    )
+}
+
+/// A machine, from within.
+pub struct Inside {
+    ssh: Arc<dyn Host>,
+    machine: Machine,
+    /// Whether who is let in may become root there.
+    becomes_root: bool,
+    /// The key that lets us in, for as long as it is needed.
+    _key: NamedTempFile,
+}
+
+impl Inside {
+    /// Of a machine that runs, reached from its host.
+    ///
+    /// # Errors
+    /// When Vagrant does not say the way.
+    pub async fn of(host: &Arc<dyn Host>, machine: Machine, name: &str) -> Result<Self, ProviderError> {
+        let way = machine.way_in().await?;
+        let key = machine.key(&way.identity).await?;
+        let keep = || -> std::io::Result<NamedTempFile> {
+            // Only its owner may read it.
+            let mut file = NamedTempFile::with_prefix("matrix-key-")?;
+            file.write_all(&key)?;
+            Ok(file)
+        };
+        let key = keep().map_err(|source| ProviderError::File {
+            action: "write",
+            path: std::env::temp_dir(),
+            source,
+        })?;
+        let ssh = host.machine_behind(name, way.address, key.path().to_owned());
+        // Boxes let their user do so by convention, and a machine of ours is ours altogether.
+        let (exit, _) = output(
+            ssh.as_ref(),
+            &as_root(&Program::new::<&str>("true", [])),
+            b"",
+            PATIENCE,
+        )
+        .await?;
+        Ok(Self {
+            ssh,
+            machine,
+            becomes_root: exit.success(),
+            _key: key,
+        })
+    }
+
+    /// A connection that is lost may come back, but not to a machine that is gone.
+    async fn explained(&self, error: HostError) -> HostError {
+        if !error.is_passing() && !matches!(error, HostError::Unreachable { .. }) {
+            return error;
+        }
+        match self.machine.state().await {
+            Ok(state) if state != RUNNING => HostError::Refused {
+                host: self.ssh.name().to_owned(),
+                action: "going on".to_owned(),
+                hint: Some(
+                    "somebody else stopped or removed the machine, or it crashed; `matrix resume` measures again what \
+                     is missing"
+                        .to_owned(),
+                ),
+                source: format!("the machine does not run any more: Vagrant calls it `{state}`").into(),
+            },
+            _ => error,
+        }
+    }
+}
+
+#[async_trait]
+impl Host for Inside {
+    fn name(&self) -> &str {
+        self.ssh.name()
+    }
+
+    async fn start(&self, program: &Program) -> Result<RunningProgram, HostError> {
+        let started = match self.becomes_root {
+            true => self.ssh.start(&as_root(program)).await,
+            false => self.ssh.start(program).await,
+        };
+        match started {
+            Ok(running) => Ok(running),
+            Err(error) => Err(self.explained(error).await),
+        }
+    }
+
+    async fn connect(&self, listener: &Listener) -> Result<UnixStream, HostError> {
+        match self.ssh.connect(listener).await {
+            Ok(stream) => Ok(stream),
+            Err(error) => Err(self.explained(error).await),
+        }
+    }
+
+    async fn deploy(&self) -> Result<Deployed, HostError> {
+        match self.ssh.deploy().await {
+            Ok(deployed) => Ok(deployed),
+            Err(error) => Err(self.explained(error).await),
+        }
+    }
+
+    fn machine_behind(
+        &self,
+        name: &str,
+        address: crate::matrix_file::SshAddress,
+        identity: std::path::PathBuf,
+    ) -> Arc<dyn Host> {
+        self.ssh.machine_behind(name, address, identity)
+    }
+}

@@ -1,0 +1,351 @@
+//! The machine of one environment: a folder on its host with what Vagrant goes by, and what Vagrant does there. The main
+//! type is [`Machine`]; [`MachineFolders`] are all of a host.
+//!
+//! Each has a folder and a state of its own, so that neither other runs nor other people's machines are ever touched.
+
+use std::{
+    path::{Path, PathBuf},
+    sync::Arc,
+    time::Duration,
+};
+
+use serde_json::{Value, json};
+use tokio::time::{Instant, sleep};
+use workload::record::detached::Owner;
+
+use super::{
+    VagrantSettings,
+    output::{self, Complaint, Line},
+    ssh_config::{self, SshConfig},
+};
+use crate::{
+    host::{Exit, Host, Program, output},
+    provider::ProviderError,
+};
+
+/// What every machine goes by; the rest is in `machine.json`.
+const VAGRANTFILE: &str = include_str!("../../../../vagrant/Vagrantfile");
+/// A call that only asks. Vagrant itself takes seconds to start.
+const ASKING: Duration = Duration::from_secs(120);
+/// Making or removing a disk, on a slow one.
+const MAKING: Duration = Duration::from_secs(1800);
+/// How long another call that has the machine is waited for, and how often it is looked.
+const LOCKED: Duration = Duration::from_secs(300);
+const LOOK: Duration = Duration::from_secs(2);
+
+/// Makes the folder `$2` below `$1`, which appears with all its files or not at all. The files come as a tar.
+const PUT: &str = r#"
+umask 077
+mkdir -p "$1" || exit
+rm -rf "$1"/.making.*
+[ ! -e "$1/$2" ] || { echo "there is a $1/$2 already" >&2; exit 1; }
+mkdir "$1/.making.$2" && tar -xf - -C "$1/.making.$2" && mv "$1/.making.$2" "$1/$2"
+"#;
+/// Whether Vagrant was ever at work in it.
+const BEGUN: &str = r#"if [ -d "$1/$2/.vagrant" ]; then echo begun; fi"#;
+const REMOVE: &str = r#"rm -rf "$1/$2""#;
+/// One line for each folder: its name, a tab, its owner.
+const LIST: &str = r#"
+cd "$1" 2>/dev/null || exit 0
+for folder in */; do
+    [ -d "$folder" ] || continue
+    printf '%s\t' "${folder%/}"
+    cat "$folder/owner.json" 2>/dev/null | tr -d '\n'
+    echo
+done
+"#;
+
+/// The folders of machines on a host.
+#[derive(Clone)]
+pub struct MachineFolders {
+    host: Arc<dyn Host>,
+    root: PathBuf,
+}
+
+/// One machine, which may not be there yet or any more.
+#[derive(Clone)]
+pub struct Machine {
+    folders: MachineFolders,
+    name: String,
+    provider: &'static str,
+}
+
+impl MachineFolders {
+    /// Those beside the folder of the host's detached environments.
+    #[must_use]
+    pub fn beside(host: Arc<dyn Host>, environments: &Path) -> Self {
+        Self {
+            host,
+            root: environments.with_file_name("machines"),
+        }
+    }
+
+    /// The machine of an environment.
+    #[must_use]
+    pub fn machine(&self, environment: &str, provider: &'static str) -> Machine {
+        Machine {
+            folders: self.clone(),
+            name: environment.to_owned(),
+            provider,
+        }
+    }
+
+    /// Every machine that has a folder, with what it belongs to.
+    ///
+    /// # Errors
+    /// When the host cannot be asked.
+    pub async fn list(&self) -> Result<Vec<(String, Option<Owner>)>, ProviderError> {
+        let said = self.shell("listing machines", LIST, "", b"").await?;
+        Ok(said
+            .lines()
+            .filter_map(|line| line.split_once('\t'))
+            .map(|(name, owner)| (name.to_owned(), serde_json::from_str(owner).ok()))
+            .collect())
+    }
+
+    async fn shell(
+        &self,
+        action: &str,
+        script: &str,
+        name: &str,
+        input: &[u8],
+    ) -> Result<String, ProviderError> {
+        let root = self.root.as_os_str();
+        let program = Program::new(
+            "sh",
+            ["-c".as_ref(), script.as_ref(), "sh".as_ref(), root, name.as_ref()],
+        );
+        let (exit, said) = output(self.host.as_ref(), &program, input, ASKING).await?;
+        if !exit.success() {
+            return Err(self.refused(action, None, exit.last_words.trim().to_owned().into()));
+        }
+        Ok(String::from_utf8_lossy(&said).into_owned())
+    }
+
+    fn refused(&self, action: &str, hint: Option<String>, source: crate::provider::Cause) -> ProviderError {
+        ProviderError::Refused {
+            platform: format!("host `{}`", self.host.name()),
+            action: action.to_owned(),
+            hint,
+            source,
+        }
+    }
+}
+
+impl Machine {
+    /// Its folder on the host.
+    #[must_use]
+    pub fn folder(&self) -> PathBuf {
+        self.folders.root.join(&self.name)
+    }
+
+    /// Makes its folder: from then on it can be found and removed.
+    ///
+    /// # Errors
+    /// When there is one already, or the host refuses.
+    pub async fn prepare(&self, owner: &Owner, settings: &VagrantSettings) -> Result<(), ProviderError> {
+        let owner = serde_json::to_string(owner).unwrap_or_default();
+        let definition = self.definition(settings).to_string();
+        let files = [
+            ("owner.json", owner.as_str()),
+            ("Vagrantfile", VAGRANTFILE),
+            ("machine.json", &definition),
+        ];
+        let action = "making the machine's folder";
+        let archive = archive(&files).map_err(|error| self.folders.refused(action, None, error.into()))?;
+        self.folders
+            .shell(action, PUT, &self.name, &archive)
+            .await
+            .map(drop)
+    }
+
+    /// All that the Vagrantfile is told.
+    fn definition(&self, settings: &VagrantSettings) -> Value {
+        let mut options = settings.options.clone();
+        if let Some((name, value)) = network_card(self.provider, settings.network_card.as_deref()) {
+            options.entry(name.to_owned()).or_insert(value);
+        }
+        json!({
+            "provider": self.provider,
+            "box": settings.name,
+            "box_version": settings.box_version,
+            "memory_mib": settings.memory.get() >> 20,
+            "cpus": settings.cpus,
+            "boot_timeout_s": settings.boot_timeout.duration().as_secs(),
+            "guest": settings.guest,
+            "insert_key": settings.insert_key,
+            "options": options,
+        })
+    }
+
+    /// Makes and boots it, and waits until it can be entered.
+    ///
+    /// # Errors
+    /// With Vagrant's own words when it cannot.
+    pub async fn up(&self, boot_timeout: Duration) -> Result<(), ProviderError> {
+        self.vagrant(
+            "starting the machine",
+            &["up", "--provider", self.provider],
+            MAKING + boot_timeout,
+        )
+        .await
+        .map(drop)
+    }
+
+    /// Its state in Vagrant's words: `running`, `shutoff`, `poweroff`, `not_created`, …
+    ///
+    /// # Errors
+    /// When Vagrant cannot be asked.
+    pub async fn state(&self) -> Result<String, ProviderError> {
+        let said = self
+            .vagrant("asking for the machine's state", &["status"], ASKING)
+            .await?;
+        Ok(output::value(&said, "state").unwrap_or("unknown").to_owned())
+    }
+
+    /// The way into it.
+    ///
+    /// # Errors
+    /// When it does not run, or Vagrant cannot be asked.
+    pub async fn way_in(&self) -> Result<SshConfig, ProviderError> {
+        let action = "asking for the way into the machine";
+        let said = self.call(&["ssh-config"], ASKING).await?;
+        let printed = self.judged(action, said)?;
+        ssh_config::read(&printed)
+            .ok_or_else(|| self.folders.refused(action, None, "it names no address".into()))
+    }
+
+    /// The private key that lets us in, which is a file of its host.
+    ///
+    /// # Errors
+    /// When it cannot be read.
+    pub async fn key(&self, identity: &Path) -> Result<Vec<u8>, ProviderError> {
+        let program = Program::new("cat", [identity]);
+        let (exit, key) = output(self.folders.host.as_ref(), &program, b"", ASKING).await?;
+        match exit.success() {
+            true => Ok(key),
+            false => Err(self.folders.refused(
+                "reading the machine's key",
+                None,
+                exit.last_words.trim().to_owned().into(),
+            )),
+        }
+    }
+
+    /// Removes it and its folder. What is gone already is fine.
+    ///
+    /// # Errors
+    /// With Vagrant's own words when it cannot; the folder stays then.
+    pub async fn remove(&self) -> Result<(), ProviderError> {
+        let there = self.folders.list().await?;
+        if !there.iter().any(|(name, _)| *name == self.name) {
+            return Ok(());
+        }
+        let action = "removing the machine's folder";
+        let begun = self.folders.shell(action, BEGUN, &self.name, b"").await?;
+        if !begun.is_empty() {
+            self.vagrant("removing the machine", &["destroy", "--force"], MAKING)
+                .await?;
+        }
+        self.folders
+            .shell(action, REMOVE, &self.name, b"")
+            .await
+            .map(drop)
+    }
+
+    /// Calls Vagrant for this machine, again for as long as another call has it.
+    async fn vagrant(
+        &self,
+        action: &str,
+        arguments: &[&str],
+        patience: Duration,
+    ) -> Result<Vec<Line>, ProviderError> {
+        let arguments = [&["--machine-readable"], arguments].concat();
+        let give_up = Instant::now() + LOCKED;
+        loop {
+            let said = self.call(&arguments, patience).await?;
+            let locked = !said.0.success() && {
+                let class = output::complaint(&said.1, &said.0.last_words).class;
+                class.ends_with("MachineLocked") || class.ends_with("EnvironmentLockedError")
+            };
+            if !locked || Instant::now() > give_up {
+                return self.judged(action, said).map(|printed| output::read(&printed));
+            }
+            sleep(LOOK).await;
+        }
+    }
+
+    async fn call(&self, arguments: &[&str], patience: Duration) -> Result<(Exit, String), ProviderError> {
+        let program = vagrant(&self.folder(), arguments);
+        let (exit, said) = output(self.folders.host.as_ref(), &program, b"", patience).await?;
+        Ok((exit, String::from_utf8_lossy(&said).into_owned()))
+    }
+
+    fn judged(&self, action: &str, (exit, printed): (Exit, String)) -> Result<String, ProviderError> {
+        if exit.success() {
+            return Ok(printed);
+        }
+        let complaint = output::complaint(&printed, &exit.last_words);
+        let hint = hint(&complaint).map(str::to_owned);
+        Err(ProviderError::Refused {
+            platform: format!("Vagrant on host `{}`", self.folders.host.name()),
+            action: action.to_owned(),
+            hint,
+            source: complaint.into(),
+        })
+    }
+}
+
+/// Vagrant, at work in a folder.
+pub fn vagrant(folder: &Path, arguments: &[&str]) -> Program {
+    let mut cwd = std::ffi::OsString::from("VAGRANT_CWD=");
+    cwd.push(folder);
+    let surroundings = [
+        cwd,
+        // It would ask its maker whether it is the newest.
+        "VAGRANT_CHECKPOINT_DISABLE=1".into(),
+        "VAGRANT_NO_COLOR=1".into(),
+        "LC_ALL=C.UTF-8".into(),
+        "vagrant".into(),
+    ];
+    Program::new(
+        "env",
+        surroundings.into_iter().chain(arguments.iter().map(Into::into)),
+    )
+}
+
+/// The option by which a provider is told the card's model. Who knows another names it under `options`.
+fn network_card(provider: &str, model: Option<&str>) -> Option<(&'static str, Value)> {
+    let model = model?;
+    match provider {
+        "libvirt" => Some(("nic_model_type", json!(model))),
+        "virtualbox" => Some(("customize", json!([["modifyvm", ":id", "--nictype1", model]]))),
+        _ => None,
+    }
+}
+
+fn hint(complaint: &Complaint) -> Option<&'static str> {
+    match complaint.class.rsplit("::").next().unwrap_or_default() {
+        "VMBootTimeout" | "SSHNotReady" => Some(
+            "give it more time with `boot_timeout`, or see whether the box has the user and key that Vagrant expects",
+        ),
+        "MachineLocked" | "EnvironmentLockedError" => {
+            Some("another `vagrant` has this machine: wait for it or end it, then `matrix resume`")
+        }
+        "BoxNotFound" | "BoxAddShortNotFound" | "BoxNotFoundWithProvider" => {
+            Some("`vagrant box add` it; `vagrant/box/build` of matrix makes one for libvirt")
+        }
+        _ => None,
+    }
+}
+
+fn archive(files: &[(&str, &str)]) -> std::io::Result<Vec<u8>> {
+    let mut archive = tar::Builder::new(Vec::new());
+    for (name, text) in files {
+        let mut header = tar::Header::new_gnu();
+        header.set_size(text.len() as u64);
+        header.set_mode(0o600);
+        archive.append_data(&mut header, name, text.as_bytes())?;
+    }
+    archive.into_inner()
+}

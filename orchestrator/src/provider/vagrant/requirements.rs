@@ -1,0 +1,194 @@
+//! Whether a host can make machines with one of Vagrant's providers, asked of Vagrant and of the provider there. The
+//! function is [`survey`].
+
+use std::{path::Path, time::Duration};
+
+use super::{VagrantSettings, machine::vagrant, output};
+use crate::{
+    host::{Host, Program, output as run},
+    provider::{Availability, ProviderError},
+};
+
+const PATIENCE: Duration = Duration::from_secs(120);
+
+/// What a provider needs beside Vagrant.
+struct Requirement {
+    /// The plugin without which Vagrant does not know it.
+    plugin: Option<&'static str>,
+    /// A command that succeeds where the provider can work.
+    probe: Option<&'static [&'static str]>,
+    /// What makes it work, on Debian.
+    fix: &'static str,
+}
+
+fn requirement(provider: &str) -> Requirement {
+    match provider {
+        "libvirt" => Requirement {
+            plugin: Some("vagrant-libvirt"),
+            probe: Some(&["virsh", "--connect", "qemu:///system", "version"]),
+            fix: "on Debian: apt-get install vagrant-libvirt libvirt-daemon-system libvirt-clients, and be in the group \
+                  libvirt",
+        },
+        "virtualbox" => Requirement {
+            plugin: None,
+            probe: Some(&["VBoxManage", "--version"]),
+            fix: "install VirtualBox, https://www.virtualbox.org/wiki/Linux_Downloads",
+        },
+        "vmware_desktop" => plugin_of(
+            "vagrant-vmware-desktop",
+            "vagrant plugin install vagrant-vmware-desktop",
+        ),
+        "parallels" => plugin_of("vagrant-parallels", "vagrant plugin install vagrant-parallels"),
+        "qemu" => plugin_of("vagrant-qemu", "vagrant plugin install vagrant-qemu"),
+        _ => Requirement {
+            plugin: None,
+            probe: None,
+            fix: "",
+        },
+    }
+}
+
+fn plugin_of(plugin: &'static str, fix: &'static str) -> Requirement {
+    Requirement {
+        plugin: Some(plugin),
+        probe: None,
+        fix,
+    }
+}
+
+/// Vagrant's version on a host; none where it is not installed or does not say.
+pub async fn version(host: &dyn Host) -> Option<String> {
+    let printed = ask(host, &["--version"]).await.ok()??;
+    Some(printed.trim().trim_start_matches("Vagrant ").to_owned())
+}
+
+/// Whether machines of that provider can be made of the box.
+pub async fn survey(host: &dyn Host, provider: &str, settings: &VagrantSettings) -> Availability {
+    match look(host, provider, settings).await {
+        Ok(availability) => availability,
+        Err(error) => Availability::prevented_by(error),
+    }
+}
+
+async fn look(
+    host: &dyn Host,
+    provider: &str,
+    settings: &VagrantSettings,
+) -> Result<Availability, ProviderError> {
+    let unavailable = |reason: String, fix: &str| Availability::Unavailable {
+        reason,
+        fix: Some(fix.to_owned()),
+    };
+    let required = requirement(provider);
+    let Some(version) = version(host).await else {
+        return Ok(unavailable(
+            "Vagrant is not installed".to_owned(),
+            "on Debian: apt-get install vagrant; elsewhere: https://developer.hashicorp.com/vagrant/install",
+        ));
+    };
+    if let Some(plugin) = required.plugin {
+        let plugins = ask(host, &["plugin", "list"]).await?.unwrap_or_default();
+        if !plugins.split_whitespace().any(|word| word == plugin) {
+            return Ok(unavailable(
+                format!("Vagrant has no plugin `{plugin}`"),
+                required.fix,
+            ));
+        }
+    }
+    if let Some([program, arguments @ ..]) = required.probe {
+        let (exit, _) = run(
+            host,
+            &Program::new(*program, arguments.iter().copied()),
+            b"",
+            PATIENCE,
+        )
+        .await?;
+        if !exit.success() {
+            let words = exit.last_words.split_whitespace().collect::<Vec<_>>().join(" ");
+            return Ok(unavailable(
+                format!("{provider} does not work: {words}"),
+                required.fix,
+            ));
+        }
+    }
+    let boxes = ask(host, &["box", "list", "--machine-readable"])
+        .await?
+        .unwrap_or_default();
+    if !has_box(&boxes, provider, settings) {
+        return Ok(unavailable(
+            format!("Vagrant has no box `{}` for {provider}", settings.name),
+            &format!(
+                "vagrant box add {}; `vagrant/box/build` of matrix makes matrix/debian-12 for libvirt",
+                settings.name
+            ),
+        ));
+    }
+    Ok(Availability::Available {
+        detail: format!("Vagrant {version}"),
+    })
+}
+
+/// What Vagrant printed; none where it is not there or does not want to.
+async fn ask(host: &dyn Host, arguments: &[&str]) -> Result<Option<String>, ProviderError> {
+    let (exit, printed) = run(host, &vagrant(Path::new("/"), arguments), b"", PATIENCE).await?;
+    Ok(exit
+        .success()
+        .then(|| String::from_utf8_lossy(&printed).into_owned()))
+}
+
+/// Whether the list has the box, for that provider and in that version.
+fn has_box(printed: &str, provider: &str, settings: &VagrantSettings) -> bool {
+    let mut name = String::new();
+    let mut fits = false;
+    for line in output::read(printed) {
+        let value = line.data.into_iter().next().unwrap_or_default();
+        match line.kind.as_str() {
+            "box-name" => (name, fits) = (value, false),
+            "box-provider" => fits = name == settings.name && value == provider,
+            "box-version" if fits => match &settings.box_version {
+                Some(wanted) if *wanted != value => {}
+                _ => return true,
+            },
+            _ => {}
+        }
+    }
+    false
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// As Vagrant 2.3.4 printed it, cut.
+    const BOXES: &str = "\
+1795272478,,box-name,debian/bookworm64
+1795272478,,box-provider,virtualbox
+1795272478,,box-version,12.1
+1795272478,,box-name,debian/bookworm64
+1795272478,,box-provider,libvirt
+1795272478,,box-version,12.2
+1795272478,,box-name,matrix/debian-12
+1795272478,,box-provider,libvirt
+1795272478,,box-version,0
+";
+
+    #[rstest::rstest]
+    #[case::there("debian/bookworm64", None, "libvirt", true)]
+    #[case::that_version("debian/bookworm64", Some("12.2"), "libvirt", true)]
+    #[case::version_of_another_provider("debian/bookworm64", Some("12.1"), "libvirt", false)]
+    #[case::of_another_provider("matrix/debian-12", None, "virtualbox", false)]
+    #[case::none_of_that_name("debian/trixie64", None, "libvirt", false)]
+    fn a_box_counts_for_its_provider_and_version(
+        #[case] name: &str,
+        #[case] version: Option<&str>,
+        #[case] provider: &str,
+        #[case] is_there: bool,
+    ) {
+        let settings = VagrantSettings {
+            name: name.to_owned(),
+            box_version: version.map(str::to_owned),
+            ..VagrantSettings::default()
+        };
+        assert_eq!(has_box(BOXES, provider, &settings), is_there);
+    }
+}

@@ -1,0 +1,78 @@
+//! What `vagrant ssh-config` says of the way into a machine. The main type is [`SshConfig`].
+
+use std::path::PathBuf;
+
+use crate::matrix_file::SshAddress;
+
+/// The way into a machine, as its host knows it.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct SshConfig {
+    /// Where it is, and who to be there.
+    pub address: SshAddress,
+    /// The private key's file, on the host.
+    pub identity: PathBuf,
+}
+
+/// Reads what was printed; `None` where the way is not all there.
+#[must_use]
+pub fn read(printed: &str) -> Option<SshConfig> {
+    let value = |wanted: &str| {
+        printed.lines().find_map(|line| {
+            let (key, value) = line.trim().split_once(char::is_whitespace)?;
+            // A path with spaces is in quotes.
+            key.eq_ignore_ascii_case(wanted)
+                .then(|| value.trim().trim_matches('"').to_owned())
+        })
+    };
+    Some(SshConfig {
+        address: SshAddress {
+            user: value("User"),
+            host: value("HostName")?,
+            port: value("Port").and_then(|port| port.parse().ok()),
+        },
+        identity: value("IdentityFile")?.into(),
+    })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// As Vagrant 2.3.4 printed it for libvirt.
+    const LIBVIRT: &str = "\
+Host machine
+  HostName 192.168.121.237
+  User vagrant
+  Port 22
+  UserKnownHostsFile /dev/null
+  StrictHostKeyChecking no
+  PasswordAuthentication no
+  IdentityFile /state/machines/a/.vagrant/machines/machine/libvirt/private_key
+  IdentitiesOnly yes
+  LogLevel FATAL
+";
+
+    #[test]
+    fn the_way_in_is_read() {
+        let config = read(LIBVIRT).unwrap();
+        assert_eq!(config.address.to_string(), "vagrant@192.168.121.237:22");
+        assert_eq!(
+            config.identity.to_str(),
+            Some("/state/machines/a/.vagrant/machines/machine/libvirt/private_key")
+        );
+    }
+
+    #[test]
+    fn a_path_with_spaces_is_read_without_its_quotes() {
+        let config =
+            read("Host m\n  HostName 127.0.0.1\n  Port 2222\n  IdentityFile \"/a b/key\"\n").unwrap();
+        assert_eq!(config.identity.to_str(), Some("/a b/key"));
+        assert_eq!(config.address.to_string(), "127.0.0.1:2222");
+    }
+
+    #[test]
+    fn a_machine_without_an_address_has_no_way_in() {
+        assert_eq!(read(""), None);
+        assert_eq!(read("Host m\n  HostName 127.0.0.1\n"), None);
+    }
+}

@@ -1,0 +1,110 @@
+//! Which runs of this user went to other machines, and to which: kept in the state folder from before anything is created
+//! there until `matrix clean` finds nothing there any more, so that it can be found without the run directory. The main
+//! type is [`Entry`].
+
+use std::{
+    fs, io,
+    path::{Path, PathBuf},
+};
+
+use reports::run_directory::{HostRecord, Manifest};
+use serde::{Deserialize, Serialize};
+
+use crate::state_directory::StateDirectory;
+
+/// A run with hosts elsewhere.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct Entry {
+    /// Its name.
+    pub run: String,
+    /// The hosts that are not this machine.
+    pub hosts: Vec<HostRecord>,
+}
+
+impl Entry {
+    /// Of a run; none if all of it is on this machine.
+    #[must_use]
+    pub fn of(manifest: &Manifest) -> Option<Self> {
+        let elsewhere = |host: &&HostRecord| host.connect != "local";
+        let hosts: Vec<_> = manifest.hosts.iter().filter(elsewhere).cloned().collect();
+        (!hosts.is_empty()).then(|| Self {
+            run: manifest.run.clone(),
+            hosts,
+        })
+    }
+
+    /// Writes it down, whole or not at all.
+    ///
+    /// # Errors
+    /// When the state folder cannot be written.
+    pub fn enter(&self, state: &StateDirectory) -> io::Result<()> {
+        let path = file(state, &self.run);
+        let unfinished = path.with_extension("new");
+        fs::create_dir_all(state.runs())?;
+        fs::write(&unfinished, serde_json::to_vec_pretty(self)?)?;
+        fs::rename(unfinished, path)
+    }
+
+    /// Forgets it; it may be forgotten already.
+    ///
+    /// # Errors
+    /// When the state folder cannot be written.
+    pub fn strike(&self, state: &StateDirectory) -> io::Result<()> {
+        match fs::remove_file(file(state, &self.run)) {
+            Err(error) if error.kind() != io::ErrorKind::NotFound => Err(error),
+            _ => Ok(()),
+        }
+    }
+}
+
+/// All that are written down. What cannot be read is none of ours.
+#[must_use]
+pub fn entries(state: &StateDirectory) -> Vec<Entry> {
+    let read = |path: &Path| serde_json::from_slice(&fs::read(path).ok()?).ok();
+    let Ok(found) = fs::read_dir(state.runs()) else {
+        return Vec::new();
+    };
+    let mut paths: Vec<PathBuf> = found
+        .filter_map(|entry| Some(entry.ok()?.path()))
+        .filter(|path| path.extension().is_some_and(|extension| extension == "json"))
+        .collect();
+    paths.sort();
+    paths.iter().filter_map(|path| read(path)).collect()
+}
+
+fn file(state: &StateDirectory, run: &str) -> PathBuf {
+    state.runs().join(format!("{run}.json"))
+}
+
+#[cfg(test)]
+mod tests {
+    use serde_json::json;
+
+    use super::*;
+
+    #[test]
+    fn what_is_entered_is_found_until_it_is_struck() {
+        let folder = tempfile::tempdir().unwrap();
+        let state = StateDirectory::new(folder.path());
+        assert_eq!(entries(&state), []);
+        let entry = |run: &str| Entry {
+            run: run.to_owned(),
+            hosts: vec![HostRecord {
+                name: "lab".to_owned(),
+                connect: json!({"ssh": "me@lab"}),
+                hardware: String::new(),
+                os: String::new(),
+                kernel: String::new(),
+            }],
+        };
+        let (one, two) = (entry("20260101-1"), entry("20260101-2"));
+        two.enter(&state).unwrap();
+        one.enter(&state).unwrap();
+        one.enter(&state).unwrap();
+        fs::write(state.runs().join("notes.json"), "mine").unwrap();
+        assert_eq!(entries(&state), [one.clone(), two.clone()]);
+        one.strike(&state).unwrap();
+        one.strike(&state).unwrap();
+        assert_eq!(entries(&state), [two]);
+    }
+}

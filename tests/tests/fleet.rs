@@ -1,0 +1,110 @@
+//! A matrix over machines of three architectures: this one, and an aarch64 and an i686 over SSH, emulated and real down to
+//! their kernels; natively, in Docker and in a virtual machine.
+
+use serde_json::Value;
+use tests::{AARCH64, Guest, I686, WHOLE_WINDOWS_COUNT, Workplace, workloads_for};
+
+fn matrix(arm: &Guest, x86: &Guest) -> String {
+    format!(
+        "\
+hosts:
+  here: {{}}
+  arm:
+    hardware: aarch64
+    os: debian-12
+    connect: {}
+  old:
+    hardware: i686
+    os: debian-12
+    connect: {}
+matrix:
+  virtualization: [native, docker, libvirt]
+workload:
+  windows: 2
+  window: 4s
+  period: 1s
+  rate: 20Hz
+  reference: {{amplitude_m: 0.05}}
+  {WHOLE_WINDOWS_COUNT}
+providers:
+  libvirt:
+    options: {{driver: qemu, cpu_mode: custom, cpu_model: qemu64, graphics_type: none, video_type: none}}
+",
+        arm.connect(),
+        x86.connect()
+    )
+}
+
+fn of<'a>(report: &'a Value, host: &str, virtualization: &str) -> &'a Value {
+    let mut scenarios = report["scenarios"].as_array().unwrap().iter();
+    let hardware = match host {
+        "arm" => "aarch64",
+        "old" => "i686",
+        _ => "x86_64",
+    };
+    scenarios
+        .find(|it| it["axes"]["hardware"] == hardware && it["axes"]["virtualization"] == virtualization)
+        .unwrap_or_else(|| panic!("{host} {virtualization} has a row: {report:#}"))
+}
+
+#[test]
+fn every_scenario_of_three_architectures_is_measured_or_infeasible_with_its_reason() {
+    let workloads = workloads_for(&["i686", "aarch64"]);
+    let workplace = Workplace::measuring();
+    let (arm, old) = (Guest::of(AARCH64), Guest::of(I686));
+    workplace.write("m.yaml", matrix(&arm, &old));
+    let mut command = workplace.matrix(["run", "m.yaml", "--json", "--quiet"]);
+    let output = command
+        .env("MATRIX_WORKLOADS", &workloads)
+        .output()
+        .expect("matrix starts");
+    let said = String::from_utf8_lossy(&output.stderr);
+    assert_eq!(output.status.code(), Some(0), "{said}");
+    let report: Value = serde_json::from_slice(&output.stdout).unwrap();
+
+    for (host, virtualization) in [
+        ("here", "native"),
+        ("here", "docker"),
+        ("here", "libvirt"),
+        ("arm", "native"),
+        ("old", "native"),
+    ] {
+        let scenario = of(&report, host, virtualization);
+        assert_eq!(scenario["outcome"], "completed", "{scenario:#}\n{said}");
+    }
+    for (host, virtualization, reason) in [
+        ("arm", "docker", "docker.sock"),
+        ("arm", "libvirt", "Vagrant is not installed"),
+        ("old", "docker", "docker.sock"),
+        ("old", "libvirt", "Vagrant is not installed"),
+    ] {
+        let scenario = of(&report, host, virtualization);
+        assert_eq!(scenario["outcome"], "infeasible", "{scenario:#}");
+        assert!(
+            scenario["reason"].as_str().unwrap().contains(reason),
+            "{scenario:#}"
+        );
+    }
+    for (slug, machine) in [
+        ("aarch64-debian-12-native", "aarch64"),
+        ("i686-debian-12-native", "i686"),
+    ] {
+        let path = workplace
+            .run_directory()
+            .join("scenarios")
+            .join(slug)
+            .join("environment.json");
+        let environment: Value = serde_json::from_slice(&std::fs::read(path).unwrap()).unwrap();
+        assert_eq!(environment["platform"]["machine"], machine, "{environment:#}");
+        assert_eq!(
+            environment["platform"]["workload_machine"], machine,
+            "{environment:#}"
+        );
+    }
+
+    assert_eq!(workplace.run(&["clean"]).code, Some(0));
+    for guest in [&arm, &old] {
+        let left = guest.run(&["sh", "-c", "ls /root/.local/state/matrix/environments"]);
+        assert_eq!(left.out, "");
+    }
+}

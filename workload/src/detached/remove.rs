@@ -1,0 +1,42 @@
+//! `remove`: ends the workload and removes the environment. The function is [`remove`].
+
+use std::time::Duration;
+
+use super::{
+    DetachedError, EnvironmentFolder,
+    process::{self, Process, Role},
+};
+use crate::record::detached::Removed;
+
+/// Ends the workload, in order if it does so within `patience`, then removes the folder. What is gone already is fine.
+///
+/// # Errors
+/// When we may not, or something cannot be ended or removed.
+pub fn remove(folder: &EnvironmentFolder, patience: Duration) -> Result<Removed, DetachedError> {
+    let mut removed = false;
+    loop {
+        let living = process::find(folder)?;
+        for process in &living {
+            end(process, patience)?;
+        }
+        removed |= folder.remove()?;
+        // Another `start` may have been between its steps: a supervisor may have started a workload, or made files.
+        if living.is_empty() {
+            return Ok(Removed { removed });
+        }
+    }
+}
+
+fn end(process: &Process, patience: Duration) -> Result<(), DetachedError> {
+    match process.role {
+        Role::Workload => {
+            process.ask_to_end()?;
+        }
+        // A supervisor ends by itself when its workload has, and has written down how.
+        Role::Supervisor | Role::Leaseholder => {}
+    }
+    match process.wait(patience)? {
+        true => Ok(()),
+        false => process.kill(),
+    }
+}

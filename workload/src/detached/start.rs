@@ -1,0 +1,79 @@
+//! `start`: makes the environment and has a supervisor start its workload. The function is [`start`].
+
+use std::{
+    env,
+    io::{self, BufRead as _, BufReader, Read, Write as _},
+    process::{Child, Command, Stdio},
+};
+
+use super::{DetachedError, EnvironmentFolder, stream};
+use crate::record::detached::{Failure, Start, Started};
+
+/// Settings are three kilobytes when all are written. An argument of a program has at most 128 KiB.
+const MOST: u64 = 64 << 10;
+const ACTION: &str = "start the supervisor";
+
+/// Returns once the workload runs; from then on it needs nobody. Where it could not be started, nothing is left.
+///
+/// # Errors
+/// When there is an environment of that name already, or something refuses.
+pub fn start(folder: &EnvironmentFolder) -> Result<Started, DetachedError> {
+    let request: Start = stream::read("an owner and settings", MOST)?;
+    let folder = folder.create(&request.owner)?;
+    let started = spawn(&folder).and_then(|supervisor| hand_over(supervisor, &request));
+    if started.is_err() {
+        folder.remove()?;
+    }
+    started
+}
+
+fn spawn(folder: &EnvironmentFolder) -> Result<Child, DetachedError> {
+    env::current_exe()
+        .and_then(|program| {
+            Command::new(program)
+                .args(["detached", "supervise", "--root"])
+                .arg(folder.root())
+                .args(["--environment", folder.environment()])
+                // Nothing of the surroundings in which it happened to be started may reach the experiment.
+                .env_clear()
+                .current_dir("/")
+                // None of our own streams: whoever waits for their ends must not wait for the workload's.
+                .stdin(Stdio::piped())
+                .stdout(Stdio::piped())
+                .stderr(Stdio::piped())
+                .spawn()
+        })
+        .map_err(DetachedError::system(ACTION))
+}
+
+fn hand_over(mut supervisor: Child, request: &Start) -> Result<Started, DetachedError> {
+    let mut answer = String::new();
+    let mut complaint = String::new();
+    if let (Some(mut input), Some(output), Some(errors)) = (
+        supervisor.stdin.take(),
+        supervisor.stdout.take(),
+        supervisor.stderr.take(),
+    ) {
+        // Plain data can always be written as JSON. One that has ended already says why on its standard error.
+        let _ = input.write_all(&serde_json::to_vec(&request.settings).unwrap_or_default());
+        drop(input);
+        BufReader::new(output.take(MOST))
+            .read_line(&mut answer)
+            .map_err(DetachedError::system(ACTION))?;
+        if let Ok(started) = serde_json::from_str(&answer) {
+            return Ok(started);
+        }
+        // It has not answered, so it ends, and its complaint is all there will be.
+        errors
+            .take(MOST)
+            .read_to_string(&mut complaint)
+            .map_err(DetachedError::system(ACTION))?;
+    }
+    let ended = supervisor.wait().map_err(DetachedError::system(ACTION))?;
+    Err(match serde_json::from_str::<Failure>(&complaint) {
+        Ok(failure) => DetachedError::Supervisor(failure),
+        Err(_) => {
+            DetachedError::system(ACTION)(io::Error::other(format!("it ended with {ended}: {complaint}")))
+        }
+    })
+}

@@ -1,0 +1,75 @@
+//! `supervise`: starts the workload, waits for it and writes down how it ended. The function is [`supervise`].
+
+use std::{
+    env,
+    ffi::OsString,
+    fs::File,
+    io,
+    os::unix::process::ExitStatusExt as _,
+    path::Path,
+    process::{Command, ExitStatus, Stdio},
+};
+
+use super::{DetachedError, EnvironmentFolder, stream};
+use crate::{
+    record::detached::{Ended, Started},
+    settings::Settings,
+};
+
+/// `start` bounds what it hands over.
+const MOST: u64 = 1 << 20;
+
+/// Answers once the workload runs, and returns when it has ended.
+///
+/// # Errors
+/// When the workload cannot be started, or its end not be written down.
+pub fn supervise(folder: &EnvironmentFolder) -> Result<(), DetachedError> {
+    // So that neither a terminal's hanging up nor its Ctrl-C reaches it, nor the workload, which is in it too.
+    rustix::process::setsid().map_err(DetachedError::system("begin a session"))?;
+    let settings: Settings = stream::read("settings", MOST)?;
+    let windows = folder.owner().map(|owner| owner.windows).unwrap_or_default();
+    let create = |path: &Path| File::create_new(path).map_err(DetachedError::file("create", path));
+    let lines = create(&folder.lines())?;
+    let errors = create(&folder.errors())?;
+    let mut workload = env::current_exe()
+        .and_then(|program| {
+            Command::new(program)
+                .args(arguments(folder, &settings, &windows))
+                .stdin(Stdio::null())
+                .stdout(lines)
+                .stderr(errors)
+                .spawn()
+        })
+        .map_err(DetachedError::system("start the workload"))?;
+    // Whoever asked may be gone: that is what this is for.
+    let _ = stream::write_line(&mut io::stdout(), &Started { pid: workload.id() });
+    let status = workload
+        .wait()
+        .map_err(DetachedError::system("wait for the workload"))?;
+    folder.write_ended(ended(status))
+}
+
+fn arguments(folder: &EnvironmentFolder, settings: &Settings, windows: &[u32]) -> Vec<OsString> {
+    let windows: Vec<_> = windows.iter().map(u32::to_string).collect();
+    // Plain data can always be written as JSON.
+    let settings = serde_json::to_string(settings).unwrap_or_default();
+    vec![
+        "run".into(),
+        "--environment".into(),
+        folder.environment().into(),
+        "--settings".into(),
+        settings.into(),
+        "--data".into(),
+        folder.data().into(),
+        "--windows".into(),
+        windows.join(",").into(),
+    ]
+}
+
+fn ended(status: ExitStatus) -> Ended {
+    match status.signal() {
+        Some(signal) => Ended::Signal(signal),
+        // One that has ended without a signal has a code.
+        None => Ended::Code(status.code().unwrap_or_default()),
+    }
+}
