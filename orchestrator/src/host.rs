@@ -10,6 +10,7 @@
 mod error;
 mod forward;
 mod here;
+pub mod lease;
 mod output;
 mod program;
 pub mod ssh;
@@ -105,4 +106,6 @@ pub struct Deployed {
     pub sha256: String,
     /// The folder there that has a folder for each detached environment: `--root` of `workload detached`.
     pub environments: PathBuf,
+    /// The file there that leases of the host are on: one for all its users.
+    pub lease: PathBuf,
 }

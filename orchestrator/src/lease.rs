@@ -1,5 +1,5 @@
-//! Leases: one `matrix run` at a time on a host, and one process at a time on a run directory. The main type is
-//! [`Lease`].
+//! Leases of run directories: one process at a time works on one. The main type is [`Lease`]. Those of hosts are in
+//! [`crate::host::lease`], with the same [`Holder`].
 //!
 //! A lease is an advisory lock (`flock(2)`) on a file that says who holds it. The kernel releases it when its holder
 //! dies, however it dies, so that no lease can be left behind.
@@ -26,6 +26,9 @@ pub struct LeaseError {
 pub struct Holder {
     /// Its process number.
     pub pid: u32,
+    /// The machine that it runs on, by its own name; empty where earlier versions wrote this.
+    #[serde(default)]
+    pub machine: String,
     /// The run directory it works on.
     pub run_directory: PathBuf,
     /// Since when, RFC 3339.
@@ -38,6 +41,7 @@ impl Holder {
     pub fn this_process(run_directory: &Path) -> Self {
         Self {
             pid: std::process::id(),
+            machine: rustix::system::uname().nodename().to_string_lossy().into_owned(),
             run_directory: run_directory.to_owned(),
             since: crate::journal::now(),
         }
@@ -48,8 +52,12 @@ impl std::fmt::Display for Holder {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
         write!(
             f,
-            "process {} with {} since {}",
+            "process {}{} with {} since {}",
             self.pid,
+            Some(&self.machine)
+                .filter(|machine| !machine.is_empty())
+                .map(|machine| format!(" on {machine}"))
+                .unwrap_or_default(),
             self.run_directory.display(),
             self.since
         )
@@ -65,8 +73,6 @@ pub enum Asked {
     Held {
         /// Who, if they have said so by now.
         holder: Option<Holder>,
-        /// Waits for it.
-        queue: Queue,
     },
 }
 
@@ -74,26 +80,6 @@ pub enum Asked {
 #[derive(Debug)]
 pub struct Lease {
     _file: File,
-}
-
-/// A place in the queue for a lease.
-#[derive(Debug)]
-pub struct Queue {
-    path: PathBuf,
-    file: File,
-}
-
-impl Queue {
-    /// Waits until the lease is free. Blocks the thread.
-    ///
-    /// # Errors
-    /// When the kernel refuses.
-    pub fn wait(self, holder: &Holder) -> Result<Lease, LeaseError> {
-        let Self { path, file } = self;
-        file.lock()
-            .and_then(|()| hold(file, holder))
-            .map_err(|source| LeaseError { path, source })
-    }
 }
 
 /// Asks for the lease at `path` without waiting.
@@ -112,13 +98,7 @@ pub fn ask(path: &Path, holder: &Holder) -> Result<Asked, LeaseError> {
             let mut text = String::new();
             file.read_to_string(&mut text).map_err(fail)?;
             let holder = serde_json::from_str(&text).ok();
-            Ok(Asked::Held {
-                holder,
-                queue: Queue {
-                    path: path.to_owned(),
-                    file,
-                },
-            })
+            Ok(Asked::Held { holder })
         }
         Err(TryLockError::Error(source)) => Err(fail(source)),
     }
@@ -170,26 +150,26 @@ mod tests {
     fn holder() -> Holder {
         Holder {
             pid: 7,
+            machine: "lab".into(),
             run_directory: "/runs/one".into(),
             since: "2026-01-01T00:00:00.000Z".into(),
         }
     }
 
     #[test]
-    fn the_second_to_ask_is_told_who_holds_the_lease_and_gets_it_afterwards() {
+    fn the_second_to_ask_is_told_who_holds_the_lease() {
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("lease");
         let Asked::Granted(lease) = ask(&path, &holder()).unwrap() else {
             panic!("nobody holds it")
         };
         assert!(is_held(&path));
-        let Asked::Held { holder: told, queue } = ask(&path, &holder()).unwrap() else {
+        let Asked::Held { holder: told } = ask(&path, &holder()).unwrap() else {
             panic!("it is held")
         };
         assert_eq!(told, Some(holder()));
-        let waiting = std::thread::spawn(move || queue.wait(&holder()).unwrap());
         drop(lease);
-        drop(waiting.join().unwrap());
         assert!(!is_held(&path));
+        assert!(matches!(ask(&path, &holder()).unwrap(), Asked::Granted(_)));
     }
 }

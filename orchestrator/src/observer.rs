@@ -4,12 +4,14 @@
 pub mod plain_log;
 pub mod progress_bars;
 
+use std::sync::{Mutex, MutexGuard, PoisonError};
+
 use reports::run_directory::Event;
 use workload::record::progress::Progress;
 
 use crate::{
     journal::{Journal, JournalError},
-    run::state::RunState,
+    run::state::{RunState, ScenarioState},
 };
 
 /// Watches a run.
@@ -18,8 +20,12 @@ pub trait Observer: Send {
     fn observe(&mut self, event: &Event);
 }
 
-/// The one way by which execution says what happens: the journal first, then those who watch.
-pub struct Events {
+/// The one way by which execution says what happens: the journal first, then those who watch. Hosts that are at work side
+/// by side share it.
+pub struct Events(Mutex<Told>);
+
+/// What was said so far, and who is to be told.
+struct Told {
     journal: Journal,
     state: RunState,
     observers: Vec<Box<dyn Observer>>,
@@ -29,17 +35,28 @@ impl Events {
     /// Goes on from `state`, which the journal's earlier lines gave.
     #[must_use]
     pub fn new(journal: Journal, state: RunState, observers: Vec<Box<dyn Observer>>) -> Self {
-        Self {
+        Self(Mutex::new(Told {
             journal,
             state,
             observers,
-        }
+        }))
+    }
+
+    fn told(&self) -> MutexGuard<'_, Told> {
+        // An observer that panicked leaves the journal and the state whole.
+        self.0.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
     /// Where the run stands after all that was said.
     #[must_use]
-    pub fn state(&self) -> &RunState {
-        &self.state
+    pub fn state(&self) -> RunState {
+        self.told().state.clone()
+    }
+
+    /// Where a scenario of it stands.
+    #[must_use]
+    pub fn scenario(&self, slug: &str) -> ScenarioState {
+        self.told().state.scenario(slug)
     }
 
     /// Says that something happens, or is about to. It is on disk when this returns, but for the workload's health,
@@ -48,7 +65,8 @@ impl Events {
     ///
     /// # Errors
     /// When the journal cannot be written; the thing must then not be done.
-    pub fn emit(&mut self, event: Event) -> Result<(), JournalError> {
+    pub fn emit(&self, event: Event) -> Result<(), JournalError> {
+        let told = &mut *self.told();
         if !matches!(
             event,
             Event::Workload {
@@ -56,10 +74,10 @@ impl Events {
                 ..
             }
         ) {
-            self.journal.append(event.clone())?;
+            told.journal.append(event.clone())?;
         }
-        self.state.apply(&event);
-        for observer in &mut self.observers {
+        told.state.apply(&event);
+        for observer in &mut told.observers {
             observer.observe(&event);
         }
         Ok(())

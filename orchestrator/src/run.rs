@@ -1,8 +1,8 @@
-//! Execution: a plan's scenarios one after another on this machine, each journaled before it touches anything. The
-//! main type is [`Run`].
+//! Execution: a plan's scenarios, one after another on a host and the hosts side by side, each journaled before it touches
+//! anything. The main type is [`Run`].
 //!
 //! ```text
-//! lease the host -> for each scenario: create, follow, collect, discard -> run directory
+//! each host:  lease -> for each of its scenarios: create, follow, collect, discard -> run directory
 //! ```
 //!
 //! A run and a resumed run are the same thing: [`Run::execute`] looks at what the journal says of each scenario and
@@ -10,6 +10,7 @@
 
 pub mod collection;
 mod compression;
+pub mod keep;
 pub mod record;
 pub mod register;
 pub mod scenario;
@@ -19,14 +20,21 @@ pub mod stop;
 
 use std::sync::Arc;
 
-use reports::run_directory::{Event, Outcome, PlanRecord, RunDirectory};
+use futures_util::future::try_join_all;
+use reports::run_directory::{Event, Outcome, PlanRecord, PlannedScenario, RunDirectory};
+use tokio::sync::{RwLock, RwLockWriteGuard};
 
 use crate::{
+    host::{
+        Host,
+        lease::{Answer, HostLease},
+    },
     journal::JournalError,
-    lease::{self, Asked, Holder, Lease, LeaseError},
+    lease::Holder,
     observer::Events,
     provider::{Provider, ProviderError},
 };
+use keep::Keep;
 use stop::Stop;
 
 /// A run that cannot go on. What happened to single scenarios is in the journal, not here.
@@ -35,9 +43,6 @@ pub enum RunError {
     /// The journal cannot be written.
     #[error(transparent)]
     Journal(#[from] JournalError),
-    /// The host's lease cannot be asked for.
-    #[error(transparent)]
-    Lease(#[from] LeaseError),
 }
 
 impl RunError {
@@ -46,14 +51,24 @@ impl RunError {
     pub fn hint(&self) -> Option<String> {
         match self {
             Self::Journal(error) => Some(error.hint()),
-            Self::Lease(_) => Some("set MATRIX_LEASE to a file that you may write to".to_owned()),
         }
     }
 }
 
-/// Gives each scenario its provider: the production one, or a test's.
-pub type Choose<'a> =
-    &'a (dyn Fn(&reports::run_directory::PlannedScenario) -> Result<Arc<dyn Provider>, ProviderError> + Sync);
+/// The machines of a run: the production ones, or a test's.
+pub trait Fleet: Sync {
+    /// The host of that name in the matrix file.
+    ///
+    /// # Errors
+    /// When there is none.
+    fn host(&self, name: &str) -> Result<Arc<dyn Host>, ProviderError>;
+
+    /// What makes a scenario's environments on its host.
+    ///
+    /// # Errors
+    /// When there is no such provider or host.
+    fn provider(&self, planned: &PlannedScenario) -> Result<Arc<dyn Provider>, ProviderError>;
+}
 
 /// One plan being carried out.
 pub struct Run<'a> {
@@ -65,10 +80,15 @@ pub struct Run<'a> {
     pub plan: &'a PlanRecord,
     /// Who is told.
     pub events: Events,
-    /// Which provider a scenario gets.
-    pub choose: Choose<'a>,
+    /// Where it is done.
+    pub fleet: &'a dyn Fleet,
     /// The wish to stop.
     pub stop: Stop,
+    /// Which environments stay.
+    pub keep: Keep,
+    /// Whether something is measured on this machine (written) or collected to it (read), never both: a transfer from
+    /// another host would disturb what is measured here.
+    pub this_machine: RwLock<()>,
 }
 
 impl Run<'_> {
@@ -76,28 +96,18 @@ impl Run<'_> {
     ///
     /// # Errors
     /// When the run cannot go on at all.
-    pub async fn execute(&mut self, resumed: bool) -> Result<(), RunError> {
+    pub async fn execute(&self, resumed: bool) -> Result<(), RunError> {
         self.events.emit(Event::RunStarted {
             pid: std::process::id(),
             resumed,
         })?;
-        let Some(_lease) = self.lease_host().await? else {
-            return Ok(self.events.emit(Event::RunInterrupted)?);
-        };
-        let plan = self.plan;
-        let ordered = plan
-            .order
-            .iter()
-            .filter_map(|id| plan.scenarios.iter().find(|planned| planned.id == *id));
-        for planned in ordered.filter(|planned| planned.runs()) {
-            if self.events.state().scenario(&planned.slug).is_settled() {
-                continue;
-            }
-            if self.stop.is_requested() {
-                break;
-            }
-            self.scenario(planned).await?;
-        }
+        let hosts = self.scenarios_by_host();
+        try_join_all(
+            hosts
+                .iter()
+                .map(|(_, scenarios)| self.one_after_another(scenarios)),
+        )
+        .await?;
         let interrupted = self.stop.is_requested()
             || self
                 .events
@@ -112,26 +122,82 @@ impl Run<'_> {
         })?)
     }
 
-    /// Waits for this machine; `None` when asked to stop meanwhile.
-    async fn lease_host(&mut self) -> Result<Option<Lease>, RunError> {
-        let holder = Holder::this_process(self.directory.path());
-        let (told, queue) = match lease::ask(&lease::of_this_machine(), &holder)? {
-            Asked::Granted(lease) => return Ok(Some(lease)),
-            Asked::Held { holder, queue } => (holder, queue),
-        };
-        let holder_words = told.map_or_else(|| "another process".to_owned(), |told| told.to_string());
-        self.events.emit(Event::HostBusy {
-            host: "this machine".to_owned(),
-            holder: holder_words,
-        })?;
-        let waiting = tokio::task::spawn_blocking(move || queue.wait(&holder));
-        tokio::select! {
-            granted = waiting => match granted {
-                Ok(lease) => Ok(Some(lease?)),
-                // The waiting thread can only end so if the runtime is being torn down.
-                Err(_) => Ok(None),
-            },
-            () = self.stop.requested() => Ok(None),
+    /// Those that run, in the plan's order; the hosts by the first of theirs.
+    fn scenarios_by_host(&self) -> Vec<(&str, Vec<&PlannedScenario>)> {
+        let mut hosts: Vec<(&str, Vec<&PlannedScenario>)> = Vec::new();
+        for id in &self.plan.order {
+            let planned = self.plan.scenarios.iter().find(|planned| planned.id == *id);
+            let Some(planned) = planned.filter(|planned| planned.runs()) else {
+                continue;
+            };
+            let host = planned.host.as_deref().unwrap_or_default();
+            match hosts.iter_mut().find(|(known, _)| *known == host) {
+                Some((_, scenarios)) => scenarios.push(planned),
+                None => hosts.push((host, vec![planned])),
+            }
         }
+        hosts
+    }
+
+    /// Does what is left to do on a host.
+    async fn one_after_another(&self, scenarios: &[&PlannedScenario]) -> Result<(), RunError> {
+        let mut lease = None;
+        for planned in scenarios {
+            if self.events.scenario(&planned.slug).is_settled() {
+                continue;
+            }
+            if self.stop.is_requested() {
+                break;
+            }
+            self.scenario(planned, &mut lease).await?;
+        }
+        if let Some(lease) = lease {
+            lease.give_back().await;
+        }
+        Ok(())
+    }
+
+    /// Waits until the host is ours; whether it is, and not rather asked to stop meanwhile.
+    async fn has_lease(
+        &self,
+        planned: &PlannedScenario,
+        lease: &mut Option<HostLease>,
+    ) -> Result<bool, scenario::Trouble> {
+        let name = planned.host.as_deref().unwrap_or_default();
+        loop {
+            let asked = match lease.as_mut() {
+                Some(asked) => asked,
+                None => {
+                    let holder = Holder::this_process(self.directory.path());
+                    // The run directory is locked: nobody else asks with this.
+                    let token = format!("{} on {}", self.directory.path().display(), holder.machine);
+                    lease.insert(HostLease::ask(self.fleet.host(name)?, &token, &holder))
+                }
+            };
+            let answer = tokio::select! {
+                answer = asked.answer() => answer,
+                () = self.stop.requested() => return Ok(false),
+            };
+            match answer {
+                Ok(Answer::Granted) => return Ok(true),
+                Ok(Answer::HeldBy(holder)) => self.events.emit(Event::HostBusy {
+                    host: name.to_owned(),
+                    holder,
+                })?,
+                Err(error) => {
+                    // The next scenario asks anew: the host may be back by then.
+                    *lease = None;
+                    return Err(ProviderError::from(error).into());
+                }
+            }
+        }
+    }
+
+    /// Nothing is collected to this machine while this lives, if it is this machine that measures.
+    async fn quiet(&self, host: &str) -> Result<Option<RwLockWriteGuard<'_, ()>>, ProviderError> {
+        Ok(match self.fleet.host(host)?.is_this_machine() {
+            true => Some(self.this_machine.write().await),
+            false => None,
+        })
     }
 }

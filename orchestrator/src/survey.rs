@@ -96,7 +96,7 @@ fn of_platform(platform: PlatformRecord) -> HostFacts {
 pub async fn ask(host: &str, questions: Questions, roster: &Roster) -> BTreeMap<String, ProviderFacts> {
     let mut asking = Vec::new();
     for (name, needs) in questions {
-        if let Ok(provider) = roster.provider(&name, host) {
+        if let Ok(provider) = roster.of(&name, host) {
             asking.push((name, tokio::spawn(ask_provider(provider, needs))));
         }
     }

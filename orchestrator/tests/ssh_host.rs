@@ -324,11 +324,16 @@ async fn a_key_that_has_changed_is_refused() {
     assert_eq!(sshd.logins(), 1);
 }
 
+#[rstest::rstest]
+#[case::of_that_name(None)]
+#[case::of_any_name(Some("*"))]
 #[tokio::test]
-async fn a_key_that_was_revoked_is_refused_though_it_is_known() {
+async fn a_key_that_was_revoked_is_refused_though_it_is_known(#[case] names: Option<&str>) {
     let sshd = Sshd::start();
     let line = sshd.known_hosts_line("host_ed25519");
-    fs::write(sshd.known_hosts(), format!("{line}@revoked {line}")).unwrap();
+    let (name, key) = line.split_once(' ').unwrap();
+    let revoked = format!("@revoked {} {key}", names.unwrap_or(name));
+    fs::write(sshd.known_hosts(), format!("{line}{revoked}")).unwrap();
     let said = in_words(&refusal(&host(&sshd)).await);
     assert!(said.contains("was revoked"), "{said}");
 }

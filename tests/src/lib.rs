@@ -4,6 +4,7 @@
 //! kernel of its own.
 
 pub mod difference;
+mod fleet;
 mod guest;
 pub mod sshd;
 pub mod virtual_time;
@@ -26,6 +27,7 @@ use serde_json::Value;
 use tempfile::TempDir;
 
 pub use crate::{
+    fleet::Fleet,
     guest::{AARCH64, DEBIAN_12, Guest, I686, Model},
     workload::{network_probe, workload_binary, workloads_for},
 };
@@ -88,6 +90,8 @@ impl Workplace {
     /// For tests that measure: they take turns.
     #[must_use]
     pub fn measuring() -> Self {
+        // Nobody is to wait while it is built.
+        matrix_binary();
         let file =
             File::create(std::env::temp_dir().join("matrix-tests.turn")).expect("a file to take turns by");
         file.lock().expect("turns can be taken");

@@ -185,13 +185,14 @@ impl Sshd {
         let configuration = format!(
             "{}\nListenAddress 127.0.0.1\nPort {}\nHostKey {}\nHostKey {}\nAuthorizedKeysFile {}\nPidFile none\n\
              UsePAM no\nStrictModes no\nPermitRootLogin prohibit-password\nPasswordAuthentication no\n\
-             KbdInteractiveAuthentication no\nLogLevel VERBOSE\nMaxStartups 100\nSetEnv MATRIX_STATE_DIR={}\n",
+             KbdInteractiveAuthentication no\nLogLevel VERBOSE\nMaxStartups 100\nSetEnv MATRIX_STATE_DIR={} MATRIX_LEASE={}\n",
             self.options,
             self.port,
             file("host_ed25519"),
             file("host_rsa"),
             file("authorized_keys"),
             file("state"),
+            file("lease"),
         );
         fs::write(folder.join("sshd_config"), configuration).expect("the folder can be written");
         let before = self.said().len();

@@ -2,38 +2,7 @@
 //! their kernels; natively, in Docker and in a virtual machine.
 
 use serde_json::Value;
-use tests::{AARCH64, Guest, I686, WHOLE_WINDOWS_COUNT, Workplace, workloads_for};
-
-fn matrix(arm: &Guest, x86: &Guest) -> String {
-    format!(
-        "\
-hosts:
-  here: {{}}
-  arm:
-    hardware: aarch64
-    os: debian-12
-    connect: {}
-  old:
-    hardware: i686
-    os: debian-12
-    connect: {}
-matrix:
-  virtualization: [native, docker, libvirt]
-workload:
-  windows: 2
-  window: 4s
-  period: 1s
-  rate: 20Hz
-  reference: {{amplitude_m: 0.05}}
-  {WHOLE_WINDOWS_COUNT}
-providers:
-  libvirt:
-    options: {{driver: qemu, cpu_mode: custom, cpu_model: qemu64, graphics_type: none, video_type: none}}
-",
-        arm.connect(),
-        x86.connect()
-    )
-}
+use tests::{Fleet, WHOLE_WINDOWS_COUNT, Workplace, workloads_for};
 
 fn of<'a>(report: &'a Value, host: &str, virtualization: &str) -> &'a Value {
     let mut scenarios = report["scenarios"].as_array().unwrap().iter();
@@ -51,8 +20,12 @@ fn of<'a>(report: &'a Value, host: &str, virtualization: &str) -> &'a Value {
 fn every_scenario_of_three_architectures_is_measured_or_infeasible_with_its_reason() {
     let workloads = workloads_for(&["i686", "aarch64"]);
     let workplace = Workplace::measuring();
-    let (arm, old) = (Guest::of(AARCH64), Guest::of(I686));
-    workplace.write("m.yaml", matrix(&arm, &old));
+    let fleet = Fleet::boot();
+    let windows = "windows: 2\n  window: 4s\n  period: 1s\n  reference: {amplitude_m: 0.05}";
+    workplace.write(
+        "m.yaml",
+        fleet.matrix(&format!("  {windows}\n  {WHOLE_WINDOWS_COUNT}\n")),
+    );
     let mut command = workplace.matrix(["run", "m.yaml", "--json", "--quiet"]);
     let output = command
         .env("MATRIX_WORKLOADS", &workloads)
@@ -103,8 +76,8 @@ fn every_scenario_of_three_architectures_is_measured_or_infeasible_with_its_reas
     }
 
     assert_eq!(workplace.run(&["clean"]).code, Some(0));
-    for guest in [&arm, &old] {
+    for guest in [&fleet.arm, &fleet.old] {
         let left = guest.run(&["sh", "-c", "ls /root/.local/state/matrix/environments"]);
-        assert_eq!(left.out, "");
+        assert_eq!((left.code, left.out.as_str()), (Some(0), ""), "{left:?}");
     }
 }

@@ -20,8 +20,10 @@ fn matrix(virtualizations: &str, workload: &str) -> String {
     )
 }
 
-/// What libvirt has of ours: machines and their disks. A box's own image stays, as an engine's would.
-fn in_libvirt() -> Vec<String> {
+/// What libvirt has of the workplace's run: machines and their disks. A box's own image stays, as an engine's would.
+fn in_libvirt(workplace: &Workplace) -> Vec<String> {
+    let run = workplace.run_directory();
+    let ours = format!("matrix-{}-", run.file_name().unwrap().to_str().unwrap());
     let list = |arguments: &[&str]| {
         let output = Command::new("virsh")
             .args(["--connect", "qemu:///system"])
@@ -33,11 +35,9 @@ fn in_libvirt() -> Vec<String> {
     };
     let machines = list(&["list", "--all", "--name"]);
     let disks = list(&["vol-list", "default"]);
-    let ours = |line: &&str| line.trim().starts_with("matrix-2");
-    machines
-        .lines()
-        .chain(disks.lines())
-        .filter(ours)
+    let names = machines.lines().chain(disks.lines()).map(str::trim);
+    names
+        .filter(|name| name.starts_with(&ours))
         .map(str::to_owned)
         .collect()
 }
@@ -73,9 +73,10 @@ fn a_machine_is_made_measured_in_on_mininets_network_reported_and_removed() {
     assert_eq!(platform["hypervisor"], true, "{platform:#}");
     assert!(read("network.txt").contains("ovs-vsctl show"));
 
-    assert_eq!(in_libvirt(), Vec::<String>::new());
+    assert_eq!(in_libvirt(&workplace), Vec::<String>::new());
     let left = workplace.json(&["clean", "--dry-run"]);
-    assert_eq!(left["leftovers"], serde_json::json!([]));
+    let machines = |it: &&Value| it["kind"] == "machine";
+    assert_eq!(left["leftovers"].as_array().unwrap().iter().find(machines), None);
 }
 
 #[test]
@@ -87,7 +88,7 @@ fn a_machine_that_is_destroyed_in_a_window_is_an_error_and_the_other_scenarios_g
     workplace.write("m.yaml", long);
     let mut running = workplace.start(&["run", "m.yaml", "--only", "virtualization=libvirt"]);
     let before = running.wait_for("libvirt: measuring window 1");
-    let machines: Vec<_> = in_libvirt()
+    let machines: Vec<_> = in_libvirt(&workplace)
         .into_iter()
         .filter(|name| name.ends_with("_machine"))
         .collect();
@@ -112,8 +113,13 @@ fn a_machine_that_is_destroyed_in_a_window_is_an_error_and_the_other_scenarios_g
     let reason = libvirt["reason"].as_str().unwrap();
     assert!(reason.contains("does not run any more"), "{reason}");
 
+    // Its disk still has what was measured: nothing of it is thrown away without being told to.
+    let resumed = workplace.run(&["resume", directory.to_str().unwrap()]);
+    assert!(resumed.err.contains("`vagrant up` in "), "{resumed:?}");
+    assert!(in_libvirt(&workplace).contains(machine), "{resumed:?}");
+
     assert_eq!(workplace.run(&["clean"]).code, Some(0));
-    assert_eq!(in_libvirt(), Vec::<String>::new());
+    assert_eq!(in_libvirt(&workplace), Vec::<String>::new());
 }
 
 #[test]

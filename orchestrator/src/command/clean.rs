@@ -1,12 +1,14 @@
 //! `matrix clean`: lists what earlier runs left behind on this machine and on the others that they went to, then removes only
 //! that.
 //!
-//! Elsewhere only what belongs to the runs of this user is ours: others may use the same account. Here ours is what carries our labels or lies in our state folder, and belongs to this user. What a live `matrix` works
-//! with is never touched: its run directory is locked.
+//! Elsewhere only what belongs to the runs of this user is ours: others may use the same account. Here ours is what
+//! carries our labels or lies in our state folder, and belongs to this user. What a live `matrix` works with is never
+//! touched: its run directory is locked.
 
 use std::{collections::BTreeSet, sync::Arc};
 
 use clap::Args;
+use reports::run_directory::{HostRecord, RunDirectory};
 use serde::Deserialize as _;
 use serde_json::json;
 use workload::causes::with_causes;
@@ -132,7 +134,7 @@ pub async fn execute(arguments: &CleanArguments) -> Result<Exit, Complaint> {
             };
             leftovers.retain(|leftover| asked.is_ours(leftover));
             for leftover in leftovers {
-                let fate = fate(provider.as_ref(), &leftover, arguments.dry_run).await;
+                let fate = fate(&asked, provider.as_ref(), &leftover, arguments.dry_run).await;
                 if !arguments.output.json {
                     terminal::result(&line(&asked, &leftover, &fate));
                 }
@@ -180,6 +182,8 @@ pub async fn execute(arguments: &CleanArguments) -> Result<Exit, Complaint> {
 struct Silent {
     host: String,
     provider: &'static str,
+    /// The runs that went to that host.
+    runs: BTreeSet<String>,
     /// In words.
     place: String,
     error: ProviderError,
@@ -195,37 +199,45 @@ impl Silent {
             },
             host,
             provider,
+            runs: asked.runs.clone().unwrap_or_default(),
             error,
         }
     }
 }
 
-/// Strikes the runs of which nothing is left anywhere. A run that goes on enters itself again.
+/// Strikes the runs of which nothing is left anywhere, as far as all could be asked that had a part in them.
 fn forget(entries: &[Entry], state: &StateDirectory, found: &[Found], silent: &[Silent]) {
     for entry in entries {
         let is_left = |found: &Found| {
             found.leftover.run.as_ref() == Some(&entry.run) && !matches!(found.fate, Fate::Removed)
         };
-        // One without an engine has no containers of ours.
+        // One without an engine has no containers of ours, unless there was one.
         let is_silent = |silent: &Silent| {
-            silent.provider == "native" && entry.hosts.iter().any(|host| host.name == silent.host)
+            silent.runs.contains(&entry.run)
+                && (silent.provider == "native" || entry.providers.contains(silent.provider))
         };
-        if !found.iter().any(is_left) && !silent.iter().any(is_silent) {
+        let is_unreadable = |host: &HostRecord| Connection::deserialize(&host.connect).is_err();
+        let goes_on = lease::is_held(&RunDirectory::new(&entry.run_directory).lock());
+        if !goes_on
+            && !entry.hosts.iter().any(is_unreadable)
+            && !found.iter().any(is_left)
+            && !silent.iter().any(is_silent)
+        {
             // One that stays is only asked for once more.
             let _ = entry.strike(state);
         }
     }
 }
 
-async fn fate(provider: &dyn Provider, leftover: &Leftover, only_list: bool) -> Fate {
-    let run = leftover
-        .run_directory
-        .as_deref()
-        .map(reports::run_directory::RunDirectory::new);
+async fn fate(asked: &Asked, provider: &dyn Provider, leftover: &Leftover, only_list: bool) -> Fate {
+    let run = leftover.run_directory.as_deref().map(RunDirectory::new);
     // What runs share belongs to whichever runs now.
     let in_use = match run {
         Some(run) => lease::is_held(&run.lock()),
-        None => lease::is_held(&lease::of_this_machine()),
+        None => match host::lease::is_held(asked.host.as_ref()).await {
+            Ok(held) => held,
+            Err(error) => return Fate::Refused(error.into()),
+        },
     };
     if in_use {
         return Fate::InUse;

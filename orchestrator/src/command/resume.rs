@@ -11,8 +11,9 @@ use crate::{
     command::report,
     exit::Exit,
     run::{
+        keep::Keep,
         record::RecordedRun,
-        session::{self, Show},
+        session::{self, Show, Wishes},
     },
     terminal::{self, Complaint},
 };
@@ -25,6 +26,9 @@ pub struct ResumeArguments {
     /// Say what would be done, create nothing.
     #[arg(long)]
     dry_run: bool,
+    /// Which environments to keep when they have done their work, for `matrix shell`.
+    #[arg(long, value_enum, value_name = "WHEN", default_value = "never")]
+    keep: Keep,
     #[command(flatten)]
     pub(crate) output: OutputArguments,
 }
@@ -59,8 +63,11 @@ pub async fn execute(arguments: &ResumeArguments) -> Result<Exit, Complaint> {
         &recorded.plan,
         &recorded.roster()?,
         recorded.state,
-        true,
-        show,
+        Wishes {
+            resumed: true,
+            show,
+            keep: arguments.keep,
+        },
     )
     .await?;
     report::after_run(&directory, exit, arguments.output)

@@ -15,8 +15,9 @@ use crate::{
     exit::Exit,
     journal, matrix_file,
     run::{
+        keep::Keep,
         record::RecordedRun,
-        session::{self, Show},
+        session::{self, Show, Wishes},
         state::RunState,
     },
     terminal::{self, Complaint},
@@ -36,6 +37,9 @@ pub struct RunArguments {
     /// Say what would be done, create nothing.
     #[arg(long)]
     dry_run: bool,
+    /// Which environments to keep when they have done their work, for `matrix shell`.
+    #[arg(long, value_enum, value_name = "WHEN", default_value = "never")]
+    keep: Keep,
     #[command(flatten)]
     pub(crate) output: OutputArguments,
 }
@@ -81,8 +85,11 @@ pub async fn execute(arguments: &RunArguments) -> Result<Exit, Complaint> {
         record,
         &planned.roster,
         RunState::default(),
-        false,
-        show,
+        Wishes {
+            resumed: false,
+            show,
+            keep: arguments.keep,
+        },
     )
     .await?;
     report::after_run(&directory, exit, arguments.output)

@@ -12,7 +12,7 @@ use tokio::{
 };
 
 use super::{Deployed, Exit, Host, HostError, Listener, Program, ProgramEnd, RunningProgram, ssh::SshHost};
-use crate::{matrix_file::SshAddress, state_directory::StateDirectory, workload_binary};
+use crate::{lease, matrix_file::SshAddress, state_directory::StateDirectory, workload_binary};
 
 /// All that a program gets of the surroundings in which `matrix` was started.
 const HANDED_ON: [&str; 2] = ["PATH", "HOME"];
@@ -31,15 +31,23 @@ const NO_SUCH_PROGRAM: i32 = 127;
 pub struct Here {
     name: String,
     state: StateDirectory,
+    lease: PathBuf,
 }
 
 impl Here {
     /// Under that name in the matrix file, with what is put on it in this state directory.
     #[must_use]
     pub fn new(name: &str, state: StateDirectory) -> Self {
+        Self::leased_at(name, state, lease::of_this_machine())
+    }
+
+    /// The same, with a lease of its own.
+    #[must_use]
+    pub fn leased_at(name: &str, state: StateDirectory, lease: PathBuf) -> Self {
         Self {
             name: name.to_owned(),
             state,
+            lease,
         }
     }
 
@@ -131,6 +139,7 @@ impl Host for Here {
             program,
             sha256: workload_binary::sha256().to_owned(),
             environments: self.state.environments(),
+            lease: self.lease.clone(),
         })
     }
 

@@ -146,7 +146,10 @@ impl SshHost {
     }
 
     async fn open(&self, opening: Opening) -> Result<Opened, HostError> {
-        let turn = Arc::clone(&self.opening).acquire_owned().await;
+        let too_slow = |_| self.way.unreachable(SshError::TooSlow(OPENING));
+        let turn = timeout(OPENING, Arc::clone(&self.opening).acquire_owned())
+            .await
+            .map_err(too_slow)?;
         let (tell_opened, opened) = oneshot::channel();
         let (tell_end, end) = oneshot::channel();
         let way = Arc::clone(&self.way);
@@ -165,9 +168,7 @@ impl SshHost {
                 }
             })
             .map_err(|error| self.way.unreachable(error.into()))?;
-        let opened = timeout(OPENING, opened)
-            .await
-            .map_err(|_| self.way.unreachable(SshError::TooSlow(OPENING)))?;
+        let opened = timeout(OPENING, opened).await.map_err(too_slow)?;
         // A thread that is gone has panicked.
         let stream = opened.map_err(|error| self.way.lost("opening a stream", error.into()))??;
         let stream = stream

@@ -69,6 +69,14 @@ pub fn line(event: &Event) -> Option<String> {
             format!("{scenario}: window {window} broke and is kept aside: {reason}")
         }
         Event::EnvironmentDiscarded { scenario, .. } => format!("{scenario}: environment discarded"),
+        Event::EnvironmentKept {
+            scenario,
+            environment,
+        } => {
+            format!(
+                "{scenario}: {environment} is kept: `matrix shell {scenario}` enters it, `matrix clean` removes it"
+            )
+        }
         Event::ScenarioFinished {
             scenario,
             outcome,

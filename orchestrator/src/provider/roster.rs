@@ -1,14 +1,15 @@
 //! The hosts and providers that one call of `matrix` works with, each made once, so that a host is logged in to and an
-//! engine is asked who it is once. The
-//! main type is [`Roster`].
+//! engine is asked who it is once. The main type is [`Roster`].
 
 use std::{
     collections::BTreeMap,
     sync::{Arc, Mutex, PoisonError},
 };
 
+use reports::run_directory::PlannedScenario;
+
 use super::{Provider, ProviderError, ProviderSettings, choose};
-use crate::host::Host;
+use crate::{host::Host, run::Fleet};
 
 /// Providers by virtualization and host, made when they are first asked for.
 pub struct Roster {
@@ -40,19 +41,33 @@ impl Roster {
     ///
     /// # Errors
     /// When there is none of that name, or no such host.
-    pub fn provider(&self, virtualization: &str, host: &str) -> Result<Arc<dyn Provider>, ProviderError> {
+    pub fn of(&self, virtualization: &str, host: &str) -> Result<Arc<dyn Provider>, ProviderError> {
         // The map is whole whenever the lock is free, also after a panic.
         let mut made = self.made.lock().unwrap_or_else(PoisonError::into_inner);
         let key = (virtualization.to_owned(), host.to_owned());
         if let Some(provider) = made.get(&key) {
             return Ok(Arc::clone(provider));
         }
-        let host = self.hosts.get(host).ok_or_else(|| ProviderError::UnknownHost {
-            name: host.to_owned(),
-        })?;
-        let provider: Arc<dyn Provider> = choose(virtualization, &self.settings, host)?.into();
+        let provider: Arc<dyn Provider> = choose(virtualization, &self.settings, &self.host(host)?)?.into();
         made.insert(key, Arc::clone(&provider));
         Ok(provider)
+    }
+}
+
+impl Fleet for Roster {
+    fn host(&self, name: &str) -> Result<Arc<dyn Host>, ProviderError> {
+        self.hosts
+            .get(name)
+            .cloned()
+            .ok_or_else(|| ProviderError::UnknownHost {
+                name: name.to_owned(),
+            })
+    }
+
+    fn provider(&self, planned: &PlannedScenario) -> Result<Arc<dyn Provider>, ProviderError> {
+        let virtualization = planned.axis("virtualization");
+        let host = planned.host.as_deref().unwrap_or_default();
+        self.of(virtualization.as_deref().unwrap_or("native"), host)
     }
 }
 
@@ -68,10 +83,10 @@ mod tests {
     #[test]
     fn a_provider_is_made_once_for_each_host() {
         let roster = Roster::new(ProviderSettings::default(), ["here", "there"].map(host));
-        let here = roster.provider("docker", "here").unwrap();
-        assert!(Arc::ptr_eq(&here, &roster.provider("docker", "here").unwrap()));
-        assert!(!Arc::ptr_eq(&here, &roster.provider("docker", "there").unwrap()));
-        assert!(roster.provider("dokcer", "here").is_err());
-        assert!(roster.provider("docker", "nowhere").is_err());
+        let here = roster.of("docker", "here").unwrap();
+        assert!(Arc::ptr_eq(&here, &roster.of("docker", "here").unwrap()));
+        assert!(!Arc::ptr_eq(&here, &roster.of("docker", "there").unwrap()));
+        assert!(roster.of("dokcer", "here").is_err());
+        assert!(roster.of("docker", "nowhere").is_err());
     }
 }

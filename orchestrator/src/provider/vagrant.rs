@@ -37,6 +37,8 @@ use crate::host::Host;
 const MACHINE: &str = "machine";
 /// What Vagrant calls a machine that can be entered.
 const RUNNING: &str = "running";
+/// What it calls one of which there is nothing yet.
+const NOT_CREATED: &str = "not_created";
 
 /// Virtual machines of one of Vagrant's providers on a host.
 pub struct Vagrant {
@@ -154,9 +156,14 @@ impl Provider for Vagrant {
         let name = &request.environment;
         let is_there = folders.list().await?.iter().any(|(there, _)| there == name);
         let machine = folders.machine(name, self.provider);
-        // One that stands still has its data, and nobody to hand it out.
-        if !is_there || machine.state().await? != RUNNING {
+        if !is_there {
             return Ok(None);
+        }
+        match machine.state().await?.as_str() {
+            RUNNING => {}
+            NOT_CREATED => return Ok(None),
+            // It has its data, and nobody to hand it out. To measure anew would be to throw away what was measured.
+            state => return Err(machine.stands_still(state)),
         }
         let entered = self.enter(machine, name).await?;
         let listed = entered.keeper.list().await?.environments;
@@ -173,7 +180,9 @@ impl Provider for Vagrant {
             let Some(owner) = owner.filter(|owner| owner.provider == self.provider) else {
                 continue;
             };
-            let running = folders.machine(&name, self.provider).state().await? == RUNNING;
+            // Where Vagrant does not say so, it is a leftover all the same.
+            let state = folders.machine(&name, self.provider).state().await;
+            let running = state.is_ok_and(|state| state == RUNNING);
             leftovers.push(Leftover {
                 resource: self.resource(&name),
                 run: Some(owner.run),

@@ -3,11 +3,12 @@
 //! type is [`Entry`].
 
 use std::{
+    collections::BTreeSet,
     fs, io,
     path::{Path, PathBuf},
 };
 
-use reports::run_directory::{HostRecord, Manifest};
+use reports::run_directory::{HostRecord, Manifest, PlanRecord};
 use serde::{Deserialize, Serialize};
 
 use crate::state_directory::StateDirectory;
@@ -17,6 +18,12 @@ use crate::state_directory::StateDirectory;
 pub struct Entry {
     /// Its name.
     pub run: String,
+    /// Where its run directory is; empty in entries of earlier versions.
+    #[serde(default)]
+    pub run_directory: PathBuf,
+    /// What its environments are made with.
+    #[serde(default)]
+    pub providers: BTreeSet<String>,
     /// The hosts that are not this machine.
     pub hosts: Vec<HostRecord>,
 }
@@ -24,11 +31,14 @@ pub struct Entry {
 impl Entry {
     /// Of a run; none if all of it is on this machine.
     #[must_use]
-    pub fn of(manifest: &Manifest) -> Option<Self> {
+    pub fn of(manifest: &Manifest, plan: &PlanRecord, run_directory: &Path) -> Option<Self> {
+        let providers = plan.scenarios.iter().filter_map(|it| it.axis("virtualization"));
         let elsewhere = |host: &&HostRecord| host.connect != "local";
         let hosts: Vec<_> = manifest.hosts.iter().filter(elsewhere).cloned().collect();
         (!hosts.is_empty()).then(|| Self {
             run: manifest.run.clone(),
+            run_directory: run_directory.to_owned(),
+            providers: providers.collect(),
             hosts,
         })
     }
@@ -89,6 +99,8 @@ mod tests {
         assert_eq!(entries(&state), []);
         let entry = |run: &str| Entry {
             run: run.to_owned(),
+            run_directory: "/runs".into(),
+            providers: BTreeSet::from(["native".to_owned()]),
             hosts: vec![HostRecord {
                 name: "lab".to_owned(),
                 connect: json!({"ssh": "me@lab"}),

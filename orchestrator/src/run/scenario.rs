@@ -6,12 +6,14 @@
 //! environment stays for `matrix resume`.
 
 use std::{
+    collections::BTreeSet,
     fs, io,
     path::{Path, PathBuf},
 };
 
 use reports::run_directory::{EnvironmentRecord, Event, Outcome, PlannedScenario};
 use serde::de::DeserializeOwned;
+use tokio::{sync::RwLockWriteGuard, task::spawn_blocking};
 use workload::{causes::with_causes, record::progress::Progress};
 
 use super::{
@@ -19,13 +21,14 @@ use super::{
     collection::{self, CollectionError, Sorted},
 };
 use crate::{
+    host::lease::HostLease,
     journal::JournalError,
-    provider::{Environment, EnvironmentRequest, Provider, ProviderError},
+    provider::{Ended, Environment, EnvironmentRequest, Provider, ProviderError},
 };
 
 /// Why the infrastructure could not do what a scenario needs.
 #[derive(Debug, thiserror::Error)]
-enum Trouble {
+pub(super) enum Trouble {
     #[error(transparent)]
     Journal(#[from] JournalError),
     #[error(transparent)]
@@ -100,13 +103,17 @@ impl Run<'_> {
     ///
     /// # Errors
     /// Only when the journal cannot be written; everything else is an outcome.
-    pub(super) async fn scenario(&mut self, planned: &PlannedScenario) -> Result<(), RunError> {
+    pub(super) async fn scenario(
+        &self,
+        planned: &PlannedScenario,
+        lease: &mut Option<HostLease>,
+    ) -> Result<(), RunError> {
         let wanted = self.wanted(planned);
         self.events.emit(Event::ScenarioStarted {
             scenario: planned.slug.clone(),
             windows: wanted,
         })?;
-        let ending = match self.attempts(planned).await {
+        let ending = match self.leased_attempts(planned, lease).await {
             Ok(ending) => ending,
             Err(Trouble::Journal(error)) => return Err(error.into()),
             Err(trouble) => Ending::errored(&trouble),
@@ -121,16 +128,26 @@ impl Run<'_> {
 
     fn wanted(&self, planned: &PlannedScenario) -> Vec<u32> {
         self.events
-            .state()
             .scenario(&planned.slug)
             .wanted(planned.settings.windows)
     }
 
+    async fn leased_attempts(
+        &self,
+        planned: &PlannedScenario,
+        lease: &mut Option<HostLease>,
+    ) -> Result<Ending, Trouble> {
+        match self.has_lease(planned, lease).await? {
+            true => self.attempts(planned).await,
+            false => Ok(Ending::of(Outcome::Interrupted, None, None)),
+        }
+    }
+
     /// The environment that is still there, if any, then a new one for what is still wanted.
-    async fn attempts(&mut self, planned: &PlannedScenario) -> Result<Ending, Trouble> {
+    async fn attempts(&self, planned: &PlannedScenario) -> Result<Ending, Trouble> {
         self.refuse_beside_another(planned).await?;
-        let provider = (self.choose)(planned)?;
-        if let Some(open) = self.events.state().scenario(&planned.slug).open {
+        let provider = self.fleet.provider(planned)?;
+        if let Some(open) = self.events.scenario(&planned.slug).open {
             let request = self.request(planned, open.environment, open.windows);
             if open.discarding {
                 self.remove_remains(provider.as_ref(), &request).await?;
@@ -147,7 +164,7 @@ impl Run<'_> {
         if self.stop.is_requested() {
             return Ok(Ending::of(Outcome::Interrupted, None, None));
         }
-        let attempt = self.events.state().scenario(&planned.slug).attempts + 1;
+        let attempt = self.events.scenario(&planned.slug).attempts + 1;
         let name = format!("matrix-{}-{}-{attempt}", self.name, planned.slug);
         let request = self.request(planned, name, windows);
         self.events.emit(Event::EnvironmentCreating {
@@ -157,6 +174,7 @@ impl Run<'_> {
             windows: request.windows.clone(),
             resources: provider.resources(&request),
         })?;
+        let quiet = self.quiet(&request.host).await?;
         match provider.create(&request).await {
             Ok(environment) => {
                 self.events.emit(Event::EnvironmentCreated {
@@ -164,7 +182,12 @@ impl Run<'_> {
                     environment: request.environment.clone(),
                     facts: environment.facts(),
                 })?;
-                self.measure(provider.as_ref(), environment, &request).await
+                self.measure(provider.as_ref(), environment, &request, quiet)
+                    .await
+            }
+            Err(first) if self.keep.keeps(Outcome::Errored) => {
+                self.keep_environment(&request)?;
+                Err(first.into())
             }
             Err(first) => match self.remove_remains(provider.as_ref(), &request).await {
                 Ok(()) => Err(first.into()),
@@ -180,16 +203,14 @@ impl Run<'_> {
     /// The lease says that no other `matrix` works here; a workload whose `matrix` was killed may still measure, and
     /// two windows on one host disturb each other.
     async fn refuse_beside_another(&self, planned: &PlannedScenario) -> Result<(), Trouble> {
-        let own = self
-            .events
-            .state()
-            .scenario(&planned.slug)
-            .open
-            .map(|open| open.environment);
+        let state = self.events.state();
+        let own = state.scenario(&planned.slug).open.map(|open| open.environment);
+        // Nothing is measured in a machine that was kept.
+        let kept: BTreeSet<_> = state.scenarios.values().flat_map(|it| &it.kept).collect();
         let mut asked = Vec::new();
         let beside = |other: &&PlannedScenario| other.runs() && other.host == planned.host;
         for other in self.plan.scenarios.iter().filter(beside) {
-            let provider = (self.choose)(other)?;
+            let provider = self.fleet.provider(other)?;
             if asked.contains(&provider.name()) {
                 continue;
             }
@@ -202,7 +223,8 @@ impl Run<'_> {
             };
             if let Some(running) = leftovers
                 .into_iter()
-                .find(|leftover| leftover.running && Some(&leftover.resource.name) != own.as_ref())
+                .filter(|leftover| leftover.running && !kept.contains(&leftover.resource.name))
+                .find(|leftover| Some(&leftover.resource.name) != own.as_ref())
             {
                 return Err(Trouble::StillMeasuring {
                     environment: running.resource.name,
@@ -232,10 +254,11 @@ impl Run<'_> {
 
     /// Goes on with an environment that an earlier process left; `None` when there was nothing to go on with.
     async fn take_up(
-        &mut self,
+        &self,
         provider: &dyn Provider,
         request: &EnvironmentRequest,
     ) -> Result<Option<Ending>, Trouble> {
+        let quiet = self.quiet(&request.host).await?;
         let Some(environment) = provider.find(request).await? else {
             self.remove_remains(provider, request).await?;
             return Ok(None);
@@ -245,26 +268,39 @@ impl Run<'_> {
             environment: request.environment.clone(),
             running: environment.running(),
         })?;
-        self.measure(provider, environment, request).await.map(Some)
+        self.measure(provider, environment, request, quiet)
+            .await
+            .map(Some)
     }
 
     /// Follows a workload to its end, collects what it measured and discards its environment.
     async fn measure(
-        &mut self,
+        &self,
         provider: &dyn Provider,
         environment: Box<dyn Environment>,
         request: &EnvironmentRequest,
+        quiet: Option<RwLockWriteGuard<'_, ()>>,
     ) -> Result<Ending, Trouble> {
         let mut environment = environment;
         let last = self.follow(provider, &mut environment, request).await?;
         let ended = environment.ended().await?;
+        drop(quiet);
         self.collect(provider, environment.as_mut(), request).await?;
-        self.discard(environment, request).await?;
-        let state = self.events.state().scenario(&request.scenario);
-        if state.wanted(request.settings.windows).is_empty() {
-            return Ok(Ending::of(Outcome::Completed, None, None));
+        let ending = self.ending(last, &ended, request);
+        match self.keep.keeps(ending.outcome) {
+            true => self.keep_environment(request)?,
+            false => self.discard(environment, request).await?,
         }
-        Ok(match last {
+        Ok(ending)
+    }
+
+    /// How an environment ended whose data was collected.
+    fn ending(&self, last: Option<Progress>, ended: &Ended, request: &EnvironmentRequest) -> Ending {
+        let state = self.events.scenario(&request.scenario);
+        if state.wanted(request.settings.windows).is_empty() {
+            return Ending::of(Outcome::Completed, None, None);
+        }
+        match last {
             Some(Progress::Failed {
                 reason,
                 hint,
@@ -284,12 +320,19 @@ impl Run<'_> {
                 )),
                 Some("`matrix resume` measures the windows that are missing".to_owned()),
             ),
-        })
+        }
+    }
+
+    fn keep_environment(&self, request: &EnvironmentRequest) -> Result<(), Trouble> {
+        Ok(self.events.emit(Event::EnvironmentKept {
+            scenario: request.scenario.clone(),
+            environment: request.environment.clone(),
+        })?)
     }
 
     /// Passes on what the workload says until it ends; its last conclusive line.
     async fn follow(
-        &mut self,
+        &self,
         provider: &dyn Provider,
         environment: &mut Box<dyn Environment>,
         request: &EnvironmentRequest,
@@ -335,11 +378,12 @@ impl Run<'_> {
 
     /// Copies the data into the run directory's own file system, then gives each window its place.
     async fn collect(
-        &mut self,
+        &self,
         provider: &dyn Provider,
         environment: &mut dyn Environment,
         request: &EnvironmentRequest,
     ) -> Result<(), Trouble> {
+        let _nothing_is_measured_here = self.this_machine.read().await;
         let folder = self
             .directory
             .scenario(&request.scenario)
@@ -352,21 +396,21 @@ impl Run<'_> {
         fs::create_dir_all(&folder)?;
         environment.collect(&folder).await?;
         self.keep_platform(provider, environment, request, &folder)?;
-        let state = self.events.state().scenario(&request.scenario);
+        let state = self.events.scenario(&request.scenario);
         let windows: Vec<u32> = request
             .windows
             .iter()
             .copied()
             .filter(|window| !state.collected.contains(window))
             .collect();
-        let sorted = collection::sort_windows(
-            &self.directory,
-            &request.scenario,
-            &request.environment,
-            &windows,
-            &folder,
-        )?;
         let (scenario, environment) = (&request.scenario, &request.environment);
+        let sorting = {
+            let (directory, folder) = (self.directory.clone(), folder.clone());
+            let (scenario, environment) = (scenario.clone(), environment.clone());
+            move || collection::sort_windows(&directory, &scenario, &environment, &windows, &folder)
+        };
+        // Captures are compressed: other hosts are not to wait for that.
+        let sorted = spawn_blocking(sorting).await.map_err(io::Error::other)??;
         for sorted in sorted {
             let (scenario, environment) = (scenario.clone(), environment.clone());
             self.events.emit(match sorted {
@@ -427,7 +471,7 @@ impl Run<'_> {
     }
 
     async fn discard(
-        &mut self,
+        &self,
         environment: Box<dyn Environment>,
         request: &EnvironmentRequest,
     ) -> Result<(), Trouble> {
@@ -445,7 +489,7 @@ impl Run<'_> {
 
     /// Removes what there is of an environment that never came to measure.
     async fn remove_remains(
-        &mut self,
+        &self,
         provider: &dyn Provider,
         request: &EnvironmentRequest,
     ) -> Result<(), Trouble> {

@@ -3,11 +3,15 @@
 
 use std::{io::IsTerminal, path::Path};
 
-use reports::run_directory::{Manifest, Outcome, PlanRecord, PlannedScenario, RunDirectory};
-use tokio::signal::unix::{SignalKind, signal};
+use reports::run_directory::{Manifest, Outcome, PlanRecord, RunDirectory};
+use tokio::{
+    signal::unix::{SignalKind, signal},
+    sync::RwLock,
+};
 
 use super::{
     Run,
+    keep::Keep,
     register::Entry,
     state::RunState,
     stop::{self, StopSwitch},
@@ -31,6 +35,17 @@ pub enum Show {
     Nothing,
 }
 
+/// How a run is to be carried out.
+#[derive(Debug, Clone, Copy)]
+pub struct Wishes {
+    /// Whether it goes on with an earlier start.
+    pub resumed: bool,
+    /// How it is shown.
+    pub show: Show,
+    /// Which environments stay.
+    pub keep: Keep,
+}
+
 /// Locks a run directory for this process.
 ///
 /// # Errors
@@ -39,7 +54,7 @@ pub fn lock(directory: &RunDirectory) -> Result<Lease, Complaint> {
     let holder = Holder::this_process(directory.path());
     match lease::ask(&directory.lock(), &holder) {
         Ok(Asked::Granted(lease)) => Ok(lease),
-        Ok(Asked::Held { holder, .. }) => Err(Complaint {
+        Ok(Asked::Held { holder }) => Err(Complaint {
             what: format!(
                 "{} is being worked on by {}",
                 directory.path().display(),
@@ -63,36 +78,32 @@ pub async fn carry_out(
     plan: &PlanRecord,
     roster: &Roster,
     state: RunState,
-    resumed: bool,
-    show: Show,
+    wishes: Wishes,
 ) -> Result<Exit, Complaint> {
     let journal = Journal::open(&directory.journal())
         .map_err(|error| Complaint::new(Exit::Infrastructure, &error, Some(error.hint())))?;
     // Before anything is created there.
-    if let Some(entry) = Entry::of(manifest) {
+    if let Some(entry) = Entry::of(manifest, plan, directory.path()) {
         entry
             .enter(&StateDirectory::of_this_user())
             .map_err(|error| Complaint::new(Exit::Infrastructure, &error, None))?;
     }
     let (switch, stop) = stop::stop_switch();
     tokio::spawn(listen(switch, directory.path().to_owned()));
-    let choose = move |planned: &PlannedScenario| {
-        let virtualization = planned.axis("virtualization");
-        let host = planned.host.as_deref().unwrap_or_default();
-        roster.provider(virtualization.as_deref().unwrap_or("native"), host)
-    };
-    let mut run = Run {
+    let run = Run {
         name: manifest.run.clone(),
         directory: directory.clone(),
         plan,
-        events: Events::new(journal, state, observers(plan, show)),
-        choose: &choose,
+        events: Events::new(journal, state, observers(plan, wishes.show)),
+        fleet: roster,
         stop,
+        keep: wishes.keep,
+        this_machine: RwLock::default(),
     };
-    run.execute(resumed)
+    run.execute(wishes.resumed)
         .await
         .map_err(|error| Complaint::new(Exit::Infrastructure, &error, error.hint()))?;
-    Ok(exit(run.events.state(), plan))
+    Ok(exit(&run.events.state(), plan))
 }
 
 fn observers(plan: &PlanRecord, show: Show) -> Vec<Box<dyn Observer>> {

@@ -27,6 +27,8 @@ pub struct ScenarioState {
     pub completed: BTreeSet<u32>,
     /// The environment that was created, or was about to be, and is not known to be gone.
     pub open: Option<OpenEnvironment>,
+    /// The environments that were kept, as it was wished, and are not known to be gone.
+    pub kept: BTreeSet<String>,
     /// How many environments were begun.
     pub attempts: u32,
 }
@@ -104,15 +106,14 @@ impl RunState {
             Event::EnvironmentDiscarded {
                 scenario,
                 environment,
+            } => self.entry(scenario).close(environment),
+            Event::EnvironmentKept {
+                scenario,
+                environment,
             } => {
                 let state = self.entry(scenario);
-                if state
-                    .open
-                    .as_ref()
-                    .is_some_and(|open| open.environment == *environment)
-                {
-                    state.open = None;
-                }
+                state.close(environment);
+                state.kept.insert(environment.clone());
             }
             Event::ScenarioFinished {
                 scenario,
@@ -133,6 +134,16 @@ impl RunState {
 }
 
 impl ScenarioState {
+    fn close(&mut self, environment: &str) {
+        if self
+            .open
+            .as_ref()
+            .is_some_and(|open| open.environment == environment)
+        {
+            self.open = None;
+        }
+    }
+
     /// Whether there is nothing more to do: completed, or failed by the experiment's own word.
     #[must_use]
     pub fn is_settled(&self) -> bool {

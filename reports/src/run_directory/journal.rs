@@ -120,6 +120,13 @@ pub enum Event {
         /// The environment.
         environment: String,
     },
+    /// The environment stays, as it was wished: for `matrix shell`, until `matrix clean`.
+    EnvironmentKept {
+        /// The scenario.
+        scenario: String,
+        /// The environment.
+        environment: String,
+    },
     /// Work on a scenario ended.
     ScenarioFinished {
         /// The scenario.

@@ -29,7 +29,9 @@ state=/var/lib/matrix
 case ${HOME-} in /*) state=$HOME/.local/state/matrix ;; esac
 case ${XDG_STATE_HOME-} in /*) state=$XDG_STATE_HOME/matrix ;; esac
 case ${MATRIX_STATE_DIR-} in /*) state=$MATRIX_STATE_DIR ;; esac
-printf '%s\n' "$(uname -s)" "$(uname -m)" "$state"
+lease=/tmp/matrix-host.lease
+case ${MATRIX_LEASE-} in /*) lease=$MATRIX_LEASE ;; esac
+printf '%s\n' "$(uname -s)" "$(uname -m)" "$state" "$lease"
 "#;
 
 /// The SHA-256 of `$1`, if it is there.
@@ -87,7 +89,7 @@ impl NoDeployment {
 /// Has the workload on the host, whatever it takes.
 pub async fn deploy(host: &SshHost) -> Result<Deployed, HostError> {
     let said = run(host, LOOK, &[], &[]).await?;
-    let (machine, state) = read_look(&said).map_err(|error| refused(host, error))?;
+    let (machine, state, lease) = read_look(&said).map_err(|error| refused(host, error))?;
     // Reading one from a disk, or hashing it, is done in no time beside the network's.
     let workload = machine.workload().map_err(|error| refused(host, error.into()))?;
     let sha256 = workload_binary::hash_of(&workload);
@@ -102,14 +104,17 @@ pub async fn deploy(host: &SshHost) -> Result<Deployed, HostError> {
         program,
         sha256,
         environments: state.join("environments"),
+        lease,
     })
 }
 
-fn read_look(said: &str) -> Result<(Machine, PathBuf), NoDeployment> {
+fn read_look(said: &str) -> Result<(Machine, PathBuf, PathBuf), NoDeployment> {
     let lines: Vec<&str> = said.lines().collect();
     match lines.as_slice() {
-        ["Linux", machine, state] if state.starts_with('/') => Ok((machine.parse()?, PathBuf::from(state))),
-        [system, _, state] if state.starts_with('/') => Err(NoDeployment::System((*system).to_owned())),
+        ["Linux", machine, state, lease] if state.starts_with('/') => {
+            Ok((machine.parse()?, PathBuf::from(state), PathBuf::from(lease)))
+        }
+        [system, _, state, _] if state.starts_with('/') => Err(NoDeployment::System((*system).to_owned())),
         _ => Err(NoDeployment::Answer(said.trim().to_owned())),
     }
 }
@@ -147,20 +152,20 @@ mod tests {
     use super::*;
 
     #[rstest::rstest]
-    #[case("Linux\nx86_64\n/home/a/.local/state/matrix\n", Ok((Machine::X86_64, "/home/a/.local/state/matrix")))]
-    #[case("Linux\naarch64\n/var/lib/matrix\n", Ok((Machine::Aarch64, "/var/lib/matrix")))]
+    #[case("Linux\nx86_64\n/home/a/.local/state/matrix\n/l\n", Ok((Machine::X86_64, "/home/a/.local/state/matrix")))]
+    #[case("Linux\naarch64\n/var/lib/matrix\n/l\n", Ok((Machine::Aarch64, "/var/lib/matrix")))]
     #[case(
-        "Darwin\narm64\n/Users/a/.local/state/matrix\n",
+        "Darwin\narm64\n/Users/a/.local/state/matrix\n/l\n",
         Err("it runs Darwin, and the workload is a program for Linux")
     )]
     #[case(
-        "Linux\nriscv64\n/m\n",
+        "Linux\nriscv64\n/m\n/l\n",
         Err("there is no workload for riscv64: it is built for x86_64, i686 and aarch64")
     )]
     #[case(
-        "Welcome!\nLinux\nx86_64\n/m\n",
+        "Welcome!\nLinux\nx86_64\n/m\n/l\n",
         Err(
-            "it answered `Welcome!\nLinux\nx86_64\n/m` where its system, machine and state directory were asked for"
+            "it answered `Welcome!\nLinux\nx86_64\n/m\n/l` where its system, machine and state directory were asked for"
         )
     )]
     fn what_a_host_is_decides_what_it_gets(
@@ -168,7 +173,7 @@ mod tests {
         #[case] answer: Result<(Machine, &str), &str>,
     ) {
         let read = read_look(said).map_err(|error| error.to_string());
-        let answer = answer.map(|(machine, state)| (machine, state.into()));
+        let answer = answer.map(|(machine, state)| (machine, state.into(), "/l".into()));
         assert_eq!(read, answer.map_err(str::to_owned));
     }
 }

@@ -153,6 +153,11 @@ impl SshError {
                      passwords are never used"
                 ),
             }),
+            Self::TooSlow(_) => Some(
+                "an SSH agent may be waiting for its user, or the name of the host for its name server; `ssh` to it by \
+                 hand tells which"
+                    .to_owned(),
+            ),
             Self::Connect { .. } => Some("is it switched on, and is its SSH server running?".to_owned()),
             _ => None,
         }

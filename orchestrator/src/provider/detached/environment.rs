@@ -133,6 +133,14 @@ impl Environment for DetachedEnvironment {
     async fn ended(&mut self) -> Result<Ended, ProviderError> {
         while self.next_progress().await?.is_some() {}
         let ending = patiently(|| self.keeper.ending(&self.environment)).await?;
+        // Its lines ended before it did: whatever cut them says nothing of the workload.
+        if ending.running {
+            return Err(ProviderError::Disconnected {
+                platform: format!("host `{}`", self.keeper.host()),
+                action: FOLLOWING.to_owned(),
+                source: io::Error::other("the lines ended and the workload did not").into(),
+            });
+        }
         let ended = match ending.ended {
             Some(detached::Ended::Code(code)) => Ended::by_exit_code(code.into()),
             Some(detached::Ended::Signal(signal)) => Ended::by_signal(signal.into()),

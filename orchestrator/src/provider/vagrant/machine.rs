@@ -203,6 +203,20 @@ impl Machine {
         Ok(output::value(&said, "state").unwrap_or("unknown").to_owned())
     }
 
+    /// Why nothing can be had from a machine in such a state.
+    #[must_use]
+    pub fn stands_still(&self, state: &str) -> ProviderError {
+        let folder = self.folder();
+        self.folders.refused(
+            &format!("entering the machine {}", self.name),
+            Some(format!(
+                "`vagrant up` in {} starts it again, then `matrix resume`; `matrix clean` removes it",
+                folder.display()
+            )),
+            format!("it does not run: Vagrant calls it `{state}`").into(),
+        )
+    }
+
     /// The way into it.
     ///
     /// # Errors

@@ -5,18 +5,23 @@ use std::{path::Path, time::Duration};
 
 use super::{VagrantSettings, machine::vagrant, output};
 use crate::{
-    host::{Host, Program, output as run},
+    host::{Exit, Host, Program, output as run},
     provider::{Availability, ProviderError},
 };
 
 const PATIENCE: Duration = Duration::from_secs(120);
+/// What a host answers when it has no such program, as shells do.
+const NOT_FOUND: i32 = 127;
+
+/// A program and its arguments.
+type Probe = (&'static str, &'static [&'static str]);
 
 /// What a provider needs beside Vagrant.
 struct Requirement {
     /// The plugin without which Vagrant does not know it.
     plugin: Option<&'static str>,
     /// A command that succeeds where the provider can work.
-    probe: Option<&'static [&'static str]>,
+    probe: Option<Probe>,
     /// What makes it work, on Debian.
     fix: &'static str,
 }
@@ -25,14 +30,19 @@ fn requirement(provider: &str) -> Requirement {
     match provider {
         "libvirt" => Requirement {
             plugin: Some("vagrant-libvirt"),
-            probe: Some(&["virsh", "--connect", "qemu:///system", "version"]),
+            probe: Some(("virsh", &["--connect", "qemu:///system", "version"])),
             fix: "on Debian: apt-get install vagrant-libvirt libvirt-daemon-system libvirt-clients, and be in the group \
                   libvirt",
         },
         "virtualbox" => Requirement {
             plugin: None,
-            probe: Some(&["VBoxManage", "--version"]),
+            probe: Some(("VBoxManage", &["--version"])),
             fix: "install VirtualBox, https://www.virtualbox.org/wiki/Linux_Downloads",
+        },
+        "hyperv" => Requirement {
+            plugin: None,
+            probe: Some(("powershell.exe", &["-NoProfile", "-Command", "Get-VMHost"])),
+            fix: "Hyper-V is part of Windows alone",
         },
         "vmware_desktop" => plugin_of(
             "vagrant-vmware-desktop",
@@ -80,33 +90,40 @@ async fn look(
         fix: Some(fix.to_owned()),
     };
     let required = requirement(provider);
-    let Some(version) = version(host).await else {
+    // Vagrant takes seconds to say anything: what can be known without it is asked first.
+    if !end_of(host, ("sh", &["-c", "command -v vagrant"]))
+        .await?
+        .success()
+    {
         return Ok(unavailable(
             "Vagrant is not installed".to_owned(),
             "on Debian: apt-get install vagrant; elsewhere: https://developer.hashicorp.com/vagrant/install",
         ));
-    };
+    }
+    if let Some(probe) = required.probe {
+        let exit = end_of(host, probe).await?;
+        let words = exit.last_words.split_whitespace().collect::<Vec<_>>().join(" ");
+        match exit.code {
+            Some(0) => {}
+            Some(NOT_FOUND) => {
+                return Ok(unavailable(
+                    format!("{provider} is not installed: there is no `{}`", probe.0),
+                    required.fix,
+                ));
+            }
+            _ => {
+                return Ok(unavailable(
+                    format!("{provider} does not work: {words}"),
+                    required.fix,
+                ));
+            }
+        }
+    }
     if let Some(plugin) = required.plugin {
         let plugins = ask(host, &["plugin", "list"]).await?.unwrap_or_default();
         if !plugins.split_whitespace().any(|word| word == plugin) {
             return Ok(unavailable(
                 format!("Vagrant has no plugin `{plugin}`"),
-                required.fix,
-            ));
-        }
-    }
-    if let Some([program, arguments @ ..]) = required.probe {
-        let (exit, _) = run(
-            host,
-            &Program::new(*program, arguments.iter().copied()),
-            b"",
-            PATIENCE,
-        )
-        .await?;
-        if !exit.success() {
-            let words = exit.last_words.split_whitespace().collect::<Vec<_>>().join(" ");
-            return Ok(unavailable(
-                format!("{provider} does not work: {words}"),
                 required.fix,
             ));
         }
@@ -124,8 +141,17 @@ async fn look(
         ));
     }
     Ok(Availability::Available {
-        detail: format!("Vagrant {version}"),
+        detail: match version(host).await {
+            Some(version) => format!("Vagrant {version}"),
+            None => "Vagrant".to_owned(),
+        },
     })
+}
+
+async fn end_of(host: &dyn Host, (program, arguments): Probe) -> Result<Exit, ProviderError> {
+    let program = Program::new(program, arguments.iter().copied());
+    let (exit, _) = run(host, &program, b"", PATIENCE).await?;
+    Ok(exit)
 }
 
 /// What Vagrant printed; none where it is not there or does not want to.

@@ -5,14 +5,17 @@ use std::sync::{
 
 use async_trait::async_trait;
 use reports::run_directory::{FORMAT, PlanRecord, Resource, RunDirectory};
+use tokio::sync::RwLock;
 use workload::settings::Settings;
 
 use super::*;
 use crate::{
+    host::{Here, Host},
     journal::Journal,
     observer::{Events, Observer},
     provider::{Availability, Leftover},
-    run::{state::RunState, stop::stop_switch},
+    run::{Fleet, keep::Keep, state::RunState, stop::stop_switch},
+    state_directory::StateDirectory,
 };
 
 /// A platform that refuses to create anything, and may be gone from then on.
@@ -68,6 +71,23 @@ impl Provider for Refusing {
     }
 }
 
+/// This machine with that platform; its lease is the test's own.
+struct Alone {
+    platform: Refusing,
+    folder: PathBuf,
+}
+
+impl Fleet for Alone {
+    fn host(&self, name: &str) -> Result<Arc<dyn Host>, ProviderError> {
+        let state = StateDirectory::new(&self.folder);
+        Ok(Arc::new(Here::leased_at(name, state, self.folder.join("lease"))))
+    }
+
+    fn provider(&self, _: &PlannedScenario) -> Result<Arc<dyn Provider>, ProviderError> {
+        Ok(Arc::new(self.platform.clone()))
+    }
+}
+
 /// Keeps what happened for the test.
 struct Kept(std::sync::mpsc::Sender<Event>);
 
@@ -104,16 +124,23 @@ async fn events(platform: Refusing) -> Vec<Event> {
     let journal = Journal::open(&directory.journal()).unwrap();
     let (keep, kept) = std::sync::mpsc::channel();
     let (_switch, stop) = stop_switch();
-    let choose = |_: &PlannedScenario| Ok(Arc::new(platform.clone()) as Arc<dyn Provider>);
-    let mut run = Run {
+    let fleet = Alone {
+        platform,
+        folder: folder.path().to_owned(),
+    };
+    let run = Run {
         name: "r".into(),
         directory,
         plan: &plan,
         events: Events::new(journal, RunState::default(), vec![Box::new(Kept(keep))]),
-        choose: &choose,
+        fleet: &fleet,
         stop,
+        keep: Keep::Never,
+        this_machine: RwLock::default(),
     };
-    run.scenario(&plan.scenarios[0]).await.unwrap();
+    let mut lease = None;
+    run.scenario(&plan.scenarios[0], &mut lease).await.unwrap();
+    lease.unwrap().give_back().await;
     drop(run);
     kept.iter().collect()
 }

@@ -1,0 +1,60 @@
+//! Machines of three architectures for one matrix: this one, and an aarch64 and an i686 over SSH, emulated and real down to
+//! their kernels. The main type is [`Fleet`].
+
+use crate::{AARCH64, Guest, I686};
+
+/// Two machines beside this one, until it is dropped.
+#[derive(Debug)]
+pub struct Fleet {
+    /// The aarch64 one, `arm` in the matrix.
+    pub arm: Guest,
+    /// The i686 one, `old` in the matrix.
+    pub old: Guest,
+}
+
+impl Fleet {
+    /// Boots both.
+    ///
+    /// # Panics
+    /// As [`Guest::of`].
+    #[must_use]
+    pub fn boot() -> Self {
+        Self {
+            arm: Guest::of(AARCH64),
+            old: Guest::of(I686),
+        }
+    }
+
+    /// The matrix over all three machines: natively, in Docker and in virtual machines. `workload` are further lines of
+    /// its section.
+    ///
+    /// Emulated processors hold 20 control steps a second. libvirt is told to emulate too, as it would take KVM, which
+    /// not every machine has.
+    #[must_use]
+    pub fn matrix(&self, workload: &str) -> String {
+        format!(
+            "\
+hosts:
+  here: {{}}
+  arm:
+    hardware: aarch64
+    os: debian-12
+    connect: {}
+  old:
+    hardware: i686
+    os: debian-12
+    connect: {}
+matrix:
+  virtualization: [native, docker, libvirt]
+workload:
+  rate: 20Hz
+{workload}\
+providers:
+  libvirt:
+    options: {{driver: qemu, cpu_mode: custom, cpu_model: qemu64, graphics_type: none, video_type: none}}
+",
+            self.arm.connect(),
+            self.old.connect()
+        )
+    }
+}
