@@ -5,8 +5,9 @@ use clap::{Args, Parser, Subcommand};
 use crate::command::{
     check::CheckArguments, clean::CleanArguments, completions::CompletionsArguments, doctor::DoctorArguments,
     ks::KsArguments, messages::MessagesArguments, plan::PlanArguments, report::ReportArguments,
-    resume::ResumeArguments, run::RunArguments, status::StatusArguments,
+    resume::ResumeArguments, run::RunArguments, shell::ShellArguments, status::StatusArguments,
 };
+use crate::plan::order::Order;
 
 const AFTER_HELP: &str = "\
 Exit codes:
@@ -45,6 +46,8 @@ pub enum Command {
     Messages(MessagesArguments),
     /// Compare two files of numbers, one a line, with the two-sample Kolmogorov-Smirnov test.
     Ks(KsArguments),
+    /// Open a shell in an environment that was kept.
+    Shell(ShellArguments),
     /// List what earlier runs left behind on this machine, then remove it.
     Clean(CleanArguments),
     /// Say what this machine can do, what is missing and how to get it.
@@ -70,7 +73,7 @@ impl Command {
             Self::Ks(arguments) => arguments.output,
             Self::Clean(arguments) => arguments.output,
             Self::Doctor(arguments) => arguments.output,
-            Self::Schema | Self::Completions(_) => OutputArguments::default(),
+            Self::Schema | Self::Completions(_) | Self::Shell(_) => OutputArguments::default(),
         };
         output.json
     }
@@ -88,6 +91,9 @@ pub struct SelectionArguments {
     /// Not the scenarios that match.
     #[arg(long, value_name = "PATTERN")]
     pub skip: Vec<String>,
+    /// How scenarios are put in order.
+    #[arg(long, value_enum, value_name = "HOW", default_value = "randomised")]
+    pub order: Order,
     /// Seed of the order in which scenarios run.
     #[arg(long, value_name = "N", default_value_t = 0)]
     pub seed: u64,

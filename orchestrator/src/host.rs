@@ -15,7 +15,7 @@ mod output;
 mod program;
 pub mod ssh;
 
-use std::{path::PathBuf, sync::Arc};
+use std::{path::PathBuf, process, sync::Arc};
 
 use async_trait::async_trait;
 use tokio::net::UnixStream;
@@ -26,6 +26,7 @@ use crate::{
     state_directory::StateDirectory,
 };
 
+pub use self::ssh::quoted;
 pub use self::{
     error::HostError,
     forward::Forward,
@@ -77,6 +78,10 @@ pub trait Host: Send + Sync {
     /// # Errors
     /// When there is none for such a machine, or it cannot be put there.
     async fn deploy(&self) -> Result<Deployed, HostError>;
+
+    /// A program there for a person, with our own standard input and output, a terminal if they are one. It has what a
+    /// login there has.
+    fn terminal(&self, program: &Program) -> process::Command;
 
     /// A machine that we have just made on it and that is reached from it, over SSH with the key in this file of ours.
     /// Nothing is connected before something is asked of it.

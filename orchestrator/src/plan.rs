@@ -18,6 +18,7 @@ use serde_json::Value;
 use workload::settings::{Need, Settings};
 
 pub use attainable::Attainable;
+use order::Order;
 pub use placement::{HostFacts, Obstacle, ProviderFacts};
 pub use selection::Selection;
 
@@ -82,6 +83,7 @@ pub fn plan(
     file: &MatrixFile,
     facts: &BTreeMap<String, HostFacts>,
     selection: &Selection,
+    order: Order,
     seed: u64,
 ) -> Result<Plan, Diagnostics> {
     let mut found = file.warnings.clone();
@@ -104,22 +106,17 @@ pub fn plan(
     if let Some(attainable) = attainable {
         check_attainable(file, attainable, &mut found);
     }
-    let running = |scenario: &&PlannedScenario| scenario.runs();
-    let order = scenarios
-        .iter()
-        .filter(running)
-        .map(|scenario| scenario.id.clone())
-        .collect();
-    let measuring_s = scenarios
-        .iter()
-        .filter(running)
-        .map(|scenario| measuring_s(&scenario.settings))
-        .sum();
+    let running: Vec<_> = scenarios.iter().filter(|scenario| scenario.runs()).collect();
+    // Hosts are at work side by side: the last to be done decides.
+    let mut measuring_s = BTreeMap::<_, f64>::new();
+    for scenario in &running {
+        *measuring_s.entry(&scenario.host).or_default() += measuring_seconds(&scenario.settings);
+    }
     let record = PlanRecord {
         format: FORMAT,
+        order: order.arrange(&running, seed),
+        measuring_s: measuring_s.into_values().fold(0.0, f64::max),
         scenarios,
-        order: order::shuffled(order, seed),
-        measuring_s,
     };
     let (record, warnings) = found.unless_errors(record)?;
     Ok(Plan {
@@ -227,7 +224,7 @@ fn sample_sizes(file: &MatrixFile, settings: &Settings) -> Vec<u64> {
         .collect()
 }
 
-fn measuring_s(settings: &Settings) -> f64 {
+fn measuring_seconds(settings: &Settings) -> f64 {
     f64::from(settings.windows) * settings.window.as_secs_f64()
 }
 

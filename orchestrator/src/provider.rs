@@ -36,7 +36,10 @@ use workload::{
     settings::{Need, Settings},
 };
 
-use crate::{host::Host, state_directory::StateDirectory};
+use crate::{
+    host::{Host, Program},
+    state_directory::StateDirectory,
+};
 
 pub use ended::Ended;
 pub(crate) use error::file_hint;
@@ -160,6 +163,12 @@ pub trait Provider: Send + Sync {
     async fn find(&self, request: &EnvironmentRequest)
     -> Result<Option<Box<dyn Environment>>, ProviderError>;
 
+    /// A shell in an environment that exists, for a person: a program of the host's that wants a terminal.
+    ///
+    /// # Errors
+    /// When there is no shell in it.
+    async fn shell(&self, environment: &str) -> Result<Program, ProviderError>;
+
     /// Everything of ours that exists on this host, whichever run it belongs to.
     ///
     /// # Errors
@@ -274,6 +283,16 @@ pub const NAMES: [&str; 9] = [
     "hyperv",
     "qemu",
     "fake",
+];
+
+/// Those of them that are virtual machines through Vagrant.
+pub const MACHINES: [&str; 6] = [
+    "libvirt",
+    "virtualbox",
+    "vmware_desktop",
+    "parallels",
+    "hyperv",
+    "qemu",
 ];
 
 /// Every provider that can have left something behind on a host.

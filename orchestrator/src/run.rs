@@ -13,6 +13,7 @@ mod compression;
 pub mod keep;
 pub mod record;
 pub mod register;
+pub mod room;
 pub mod scenario;
 pub mod session;
 pub mod state;

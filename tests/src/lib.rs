@@ -191,7 +191,8 @@ impl Default for Workplace {
 }
 
 impl Ran {
-    pub(crate) fn of(output: Output) -> Self {
+    /// Of a command that has ended.
+    pub fn of(output: Output) -> Self {
         Self {
             code: output.status.code(),
             out: String::from_utf8_lossy(&output.stdout).into_owned(),

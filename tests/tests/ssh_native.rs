@@ -1,10 +1,15 @@
 //! A matrix of this machine and one behind SSH, a real sshd: a run, its report, and nothing left; also where the connection
 //! is cut in a window.
 
-use std::path::Path;
+use std::{
+    fs::File,
+    io::Write as _,
+    path::{Path, PathBuf},
+    process::Command,
+};
 
 use serde_json::Value;
-use tests::{Workplace, sshd::Sshd};
+use tests::{Ran, Workplace, sshd::Sshd};
 
 /// Another machine, as far as anybody can tell: sshd's users have a state folder of their own.
 struct There {
@@ -77,6 +82,22 @@ fn two_hosts_are_measured_and_reported_and_nothing_is_left_on_either() {
     let doctor = workplace.json(&["doctor", "m.yaml"]);
     assert_eq!(doctor["hosts"][0]["kernel"], doctor["hosts"][1]["kernel"]);
     assert_eq!(doctor["hosts"][1]["obstacle"], Value::Null, "{doctor:#}");
+    // One machine has one clock, whichever way it is asked.
+    let clock = |it: &str| doctor["hosts"][1][it].as_f64().unwrap();
+    assert!(
+        clock("clock_ahead_ms").abs() <= clock("clock_within_ms"),
+        "{doctor:#}"
+    );
+    assert!(doctor["hosts"][1]["free_bytes"].as_u64().unwrap() > 0);
+    let asked = workplace.run(&["doctor", "m.yaml"]);
+    let head = asked.out.lines().next().unwrap();
+    let columns: Vec<_> = head.split_whitespace().collect();
+    assert_eq!(columns.first(), Some(&"host"), "{asked:?}");
+    assert_eq!(columns.last(), Some(&"clock"), "{asked:?}");
+    assert!(
+        asked.out.lines().nth(2).unwrap().starts_with("there "),
+        "{asked:?}"
+    );
 
     let ran = workplace.run(&["run", "m.yaml"]);
     assert_eq!(ran.code, Some(0), "{ran:?}");
@@ -127,6 +148,55 @@ fn windows_are_whole_though_the_connection_is_cut_in_one() {
 }
 
 #[test]
+fn what_is_kept_can_be_entered_until_it_is_removed() {
+    let workplace = Workplace::measuring();
+    let there = There::new();
+    workplace.write("m.yaml", two_hosts(&there));
+    let ran = workplace.run(&["run", "m.yaml", "--keep", "always"]);
+    assert_eq!(ran.code, Some(0), "{ran:?}");
+    assert!(ran.err.contains("is kept: `matrix shell "), "{ran:?}");
+    let kept = there.environments();
+    assert_eq!(kept.len(), 1);
+    workplace.write("typed", "pwd; ls data\n");
+    for (scenario, folder) in [
+        ("a", workplace.path().join("state")),
+        ("b", there.sshd.folder().join("state")),
+    ] {
+        let mut shell = workplace.matrix(["shell", scenario]);
+        let typed = File::open(workplace.path().join("typed")).unwrap();
+        let entered = Ran::of(shell.stdin(typed).output().unwrap());
+        let mut lines = entered.out.lines();
+        let environments = folder.join("environments/matrix-");
+        let inside = lines.next().unwrap_or_default();
+        assert!(inside.starts_with(environments.to_str().unwrap()), "{entered:?}");
+        assert!(lines.any(|line| line == "window-2"), "{entered:?}");
+    }
+    assert_eq!(workplace.run(&["clean"]).code, Some(0));
+    assert_eq!(there.environments(), Vec::<String>::new());
+    let gone = workplace.run(&["shell", "b"]);
+    assert_eq!(gone.code, Some(2), "{gone:?}");
+    assert!(gone.err.contains("does not exist any more"), "{gone:?}");
+}
+
+#[test]
+fn a_host_that_another_matrix_measures_on_is_waited_for() {
+    let here = Workplace::measuring();
+    let elsewhere = here.beside();
+    let there = There::new();
+    for control in [&here, &elsewhere] {
+        control.write("m.yaml", only_there(&there));
+    }
+    let mut running = here.start(&["run", "m.yaml"]);
+    running.wait_for("measuring window 1");
+    let mut waiting = elsewhere.start(&["run", "m.yaml"]);
+    waiting.wait_for("there: waiting, held by process");
+    // Neither knows of the other's file or process; the host does.
+    assert_eq!(running.end().code, Some(0));
+    let second = waiting.end();
+    assert_eq!(second.code, Some(0), "{second:?}");
+}
+
+#[test]
 fn a_host_that_does_not_answer_is_told_with_what_to_do_and_the_others_are_measured() {
     let workplace = Workplace::measuring();
     let there = There::new();
@@ -163,4 +233,79 @@ fn what_a_killed_run_left_on_another_host_is_found_and_removed_without_its_run_d
             .all(|it| it["host"] != "there"),
         "{again:#}"
     );
+}
+
+/// A disk of its own for the state folder there, until it is dropped.
+struct SmallDisk(PathBuf);
+
+impl SmallDisk {
+    fn under(there: &There, size: &str) -> Self {
+        let folder = there.sshd.folder().join("state");
+        std::fs::create_dir_all(&folder).unwrap();
+        let mounted = Command::new("mount")
+            .args(["-t", "tmpfs", "-o", &format!("size={size}"), "matrix-test"])
+            .arg(&folder)
+            .output()
+            .unwrap();
+        assert!(mounted.status.success(), "only root can make a disk: {mounted:?}");
+        Self(folder)
+    }
+
+    fn filler(&self) -> PathBuf {
+        self.0.join("filler")
+    }
+
+    fn fill(&self) {
+        let mut filler = File::create(self.filler()).unwrap();
+        let piece = [0; 4096];
+        while filler.write_all(&piece).is_ok() {}
+    }
+}
+
+impl Drop for SmallDisk {
+    fn drop(&mut self) {
+        let _ = Command::new("umount").arg("--lazy").arg(&self.0).output();
+    }
+}
+
+#[test]
+fn a_disk_that_fills_up_in_a_window_ends_the_scenario_and_keeps_the_windows_before() {
+    let workplace = Workplace::measuring();
+    let there = There::new();
+    let disk = SmallDisk::under(&there, "24m");
+    workplace.write("m.yaml", only_there(&there).replace("window: 3s", "window: 5s"));
+    let mut running = workplace.start(&["run", "m.yaml"]);
+    running.wait_for("window 1 complete");
+    disk.fill();
+    let ran = running.end();
+    assert_eq!(ran.code, Some(3), "{ran:?}");
+    let directory = workplace.run_directory();
+    let directory = directory.to_str().unwrap();
+    let status = workplace.json(&["status", directory]);
+    let scenario = &status["scenarios"][0];
+    assert_eq!(scenario["state"], "errored", "{status:#}");
+    assert_eq!(scenario["windows_collected"], 1, "{status:#}");
+    let reason = scenario["reason"].as_str().unwrap();
+    assert!(reason.contains("No space left on device"), "{reason}");
+
+    std::fs::remove_file(disk.filler()).unwrap();
+    let resumed = workplace.run(&["resume", directory]);
+    assert_eq!(resumed.code, Some(0), "{resumed:?}");
+    assert_eq!(there.environments(), Vec::<String>::new());
+}
+
+#[test]
+fn windows_that_a_disk_has_no_room_for_are_not_begun() {
+    let workplace = Workplace::measuring();
+    let there = There::new();
+    let _disk = SmallDisk::under(&there, "24m");
+    workplace.write(
+        "m.yaml",
+        only_there(&there).replace("window: 3s", "window: 6000s"),
+    );
+    let ran = workplace.run(&["run", "m.yaml"]);
+    assert_eq!(ran.code, Some(3), "{ran:?}");
+    assert!(ran.err.contains("the disk of host `there` has "), "{ran:?}");
+    assert!(ran.err.contains("and 2 windows take about 1.0 GB"), "{ran:?}");
+    assert_eq!(there.environments(), Vec::<String>::new());
 }

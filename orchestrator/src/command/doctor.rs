@@ -1,8 +1,9 @@
 //! `matrix doctor [FILE]`: what this machine, or each host of a matrix file, can do, what is missing and how to get it.
 
-use std::{fmt::Write, path::PathBuf, sync::Arc};
+use std::{fmt::Write, path::PathBuf, sync::Arc, time::SystemTime};
 
 use clap::Args;
+use reports::run_directory::PlannedScenario;
 use serde_json::{Value, json};
 use workload::{
     causes::with_causes,
@@ -15,8 +16,9 @@ use crate::{
     exit::Exit,
     host::{Here, Host},
     matrix_file::{MatrixFile, THIS_MACHINE},
-    plan::{HostFacts, Obstacle},
+    plan::{self, HostFacts, Obstacle, Selection, order::Order},
     provider::{self, Availability, ProviderError, ProviderSettings, Roster, detached::Keeper},
+    run::room,
     state_directory::StateDirectory,
     survey,
     terminal::{self, Complaint},
@@ -37,6 +39,51 @@ struct Answer {
     facts: HostFacts,
     /// What the experiment needs; none where it could not be asked.
     checks: Result<Vec<Check>, ProviderError>,
+    /// None where it could not be asked.
+    standing: Option<Standing>,
+    /// What the windows that the matrix file has for it take on its disk; none without a file.
+    to_come_bytes: Option<u64>,
+}
+
+/// What a host is like at the moment.
+struct Standing {
+    uid: u32,
+    /// Of the disk with its state folder.
+    free_bytes: u64,
+    /// How far its clock is ahead of ours.
+    ahead_ms: f64,
+    /// By how much that may be wrong: half of the time that asking took.
+    within_ms: f64,
+}
+
+impl Standing {
+    async fn of(host: &Arc<dyn Host>) -> Option<Self> {
+        let keeper = Keeper::new(Arc::clone(host));
+        // What is to be timed is the question and not the way to it.
+        keeper.deployed().await.ok()?;
+        let asked = SystemTime::now();
+        let said = keeper.platform().await.ok()?;
+        let took = asked.elapsed().ok()?;
+        let middle = asked + took / 2;
+        let here_ns = middle.duration_since(SystemTime::UNIX_EPOCH).ok()?.as_nanos();
+        Some(Self {
+            uid: said.uid,
+            free_bytes: said.free_bytes,
+            ahead_ms: (i128::from(said.now_ns) - i128::try_from(here_ns).ok()?) as f64 / 1e6,
+            within_ms: took.as_secs_f64() * 1e3 / 2.0,
+        })
+    }
+
+    fn rights(&self) -> String {
+        match self.uid {
+            0 => "root".to_owned(),
+            uid => format!("user {uid}"),
+        }
+    }
+
+    fn clock(&self) -> String {
+        format!("{:+.0} ± {:.0} ms", self.ahead_ms, self.within_ms.ceil())
+    }
 }
 
 /// Asks every provider, and the workload itself, and prints what they say.
@@ -53,6 +100,7 @@ pub async fn execute(arguments: &DoctorArguments) -> Result<Exit, Complaint> {
     for host in roster.hosts() {
         answers.push(ask(host, &roster).await);
     }
+    foresee(&file, &mut answers);
     if arguments.output.json {
         let hosts: Vec<_> = answers.iter().map(host_as_json).collect();
         terminal::json(&json!({ "hosts": hosts }));
@@ -61,9 +109,91 @@ pub async fn execute(arguments: &DoctorArguments) -> Result<Exit, Complaint> {
             .iter()
             .map(|answer| as_text(&answer.name, answer))
             .collect();
-        terminal::result(&texts.join("\n"));
+        terminal::result(&format!("{}\n{}", table(&answers), texts.join("\n")));
     }
     Ok(Exit::Done)
+}
+
+/// What is to come on each host, if all that can run there does.
+fn foresee(file: &MatrixFile, answers: &mut [Answer]) {
+    let facts = answers
+        .iter()
+        .map(|answer| (answer.name.clone(), answer.facts.clone()))
+        .collect();
+    // What is wrong with the file is for `check` and `plan` to say.
+    let Ok(plan) = plan::plan(file, &facts, &Selection::default(), Order::default(), 0) else {
+        return;
+    };
+    for answer in answers {
+        let runs_there = |it: &&PlannedScenario| it.runs() && it.host.as_ref() == Some(&answer.name);
+        let scenarios = plan.record.scenarios.iter().filter(runs_there);
+        let bytes = scenarios.map(|it| room::windows_take(&it.settings, it.settings.windows as usize));
+        answer.to_come_bytes = Some(bytes.sum());
+    }
+}
+
+/// All hosts at a glance.
+fn table(answers: &[Answer]) -> String {
+    let head = [
+        "host", "machine", "docker", "vagrant", "spaces", "netem", "rights", "free", "to come", "clock",
+    ];
+    let mut rows = vec![head.map(str::to_owned).to_vec()];
+    rows.extend(answers.iter().map(row));
+    let width = |column: usize| {
+        let cells = rows.iter().filter_map(|row| row.get(column));
+        cells.map(|cell| cell.chars().count()).max().unwrap_or(0)
+    };
+    let widths: Vec<_> = (0..head.len()).map(width).collect();
+    let mut text = String::new();
+    for row in &rows {
+        let cells: Vec<_> = std::iter::zip(row, &widths)
+            .map(|(cell, width)| format!("{cell:width$}"))
+            .collect();
+        let _ = writeln!(text, "{}", cells.join("  ").trim_end());
+    }
+    text
+}
+
+fn row(answer: &Answer) -> Vec<String> {
+    let facts = &answer.facts;
+    if facts.obstacle.is_some() {
+        return vec![answer.name.clone(), "not reached, see below".to_owned()];
+    }
+    let yes_or_no = |yes: bool| if yes { "yes" } else { "no" }.to_owned();
+    let works = |name: &str| {
+        let provider = facts.providers.get(name);
+        provider.is_some_and(|it| matches!(it.availability, Availability::Available { .. }))
+    };
+    let machines: Vec<_> = provider::MACHINES
+        .into_iter()
+        .filter(|name| works(name))
+        .collect();
+    let has_netem = facts.providers.get("native").is_some_and(|native| {
+        native.needs.iter().any(|(need, answer)| {
+            need.to_string() == "network.backend: kernel" && matches!(answer, Availability::Available { .. })
+        })
+    });
+    let has_namespaces = answer.checks.as_ref().is_ok_and(|checks| {
+        let mut networks = checks.iter().filter(|check| check.name == "network");
+        networks.any(|check| check.available)
+    });
+    let standing = answer.standing.as_ref();
+    let said = |text: Option<String>| text.unwrap_or_else(|| "?".to_owned());
+    vec![
+        answer.name.clone(),
+        facts.hardware.clone(),
+        yes_or_no(works("docker")),
+        match machines.is_empty() {
+            true => "no".to_owned(),
+            false => machines.join(" "),
+        },
+        yes_or_no(has_namespaces),
+        yes_or_no(has_netem),
+        said(standing.map(Standing::rights)),
+        said(standing.map(|it| room::in_words(it.free_bytes))),
+        said(answer.to_come_bytes.map(room::in_words)),
+        said(standing.map(Standing::clock)),
+    ]
 }
 
 async fn of_this_machine(json: bool) -> Result<Exit, Complaint> {
@@ -99,6 +229,8 @@ async fn ask(host: &Arc<dyn Host>, roster: &Roster) -> Answer {
         name,
         facts,
         checks: checks.map(|record| record.checks),
+        standing: Standing::of(host).await,
+        to_come_bytes: None,
     }
 }
 
@@ -110,6 +242,11 @@ fn host_as_json(answer: &Answer) -> Value {
         "os": facts.os,
         "kernel": facts.kernel,
         "obstacle": facts.obstacle,
+        "uid": answer.standing.as_ref().map(|it| it.uid),
+        "free_bytes": answer.standing.as_ref().map(|it| it.free_bytes),
+        "to_come_bytes": answer.to_come_bytes,
+        "clock_ahead_ms": answer.standing.as_ref().map(|it| it.ahead_ms),
+        "clock_within_ms": answer.standing.as_ref().map(|it| it.within_ms),
         "checks": answer.checks.as_ref().ok(),
         "providers": facts.providers.iter().map(|(name, provider)| {
             let mut answer = as_json(name, &provider.availability);

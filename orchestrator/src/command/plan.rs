@@ -74,7 +74,8 @@ pub async fn plan(
         only: selection.only.clone(),
         skip: selection.skip.clone(),
     };
-    let plan = plan::plan(&file, &facts, &selected, selection.seed).map_err(Complaint::of_mistakes)?;
+    let plan = plan::plan(&file, &facts, &selected, selection.order, selection.seed)
+        .map_err(Complaint::of_mistakes)?;
     if !plan.warnings.is_empty() && !output.quiet {
         terminal::mistakes(&plan.warnings);
     }

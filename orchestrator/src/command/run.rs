@@ -110,6 +110,7 @@ fn manifest(arguments: &RunArguments, planned: &Planned) -> Result<Manifest, Com
         matrix_text: text.to_owned(),
         matrix_sha256: format!("{:x}", Sha256::digest(text.as_bytes())),
         profile: arguments.selection.profile.clone(),
+        order: arguments.selection.order.name().to_owned(),
         seed: arguments.selection.seed,
         providers,
         hosts: hosts(planned)?,

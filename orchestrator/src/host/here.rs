@@ -143,6 +143,12 @@ impl Host for Here {
         })
     }
 
+    fn terminal(&self, program: &Program) -> std::process::Command {
+        let mut command = std::process::Command::new(&program.file);
+        command.args(&program.arguments);
+        command
+    }
+
     fn machine_behind(&self, name: &str, address: SshAddress, identity: PathBuf) -> Arc<dyn Host> {
         Arc::new(SshHost::made_by_us(name, address, identity, None))
     }

@@ -18,11 +18,13 @@ mod known_hosts;
 mod link;
 mod login;
 mod pump;
+mod terminal;
 
 use std::{
     io,
     os::unix::net::UnixStream as BlockingStream,
     path::PathBuf,
+    process,
     sync::{Arc, Mutex, PoisonError},
     thread,
     time::Duration,
@@ -37,6 +39,7 @@ use tokio::{
 };
 
 pub use self::{
+    command_line::quoted,
     configuration::SshClient,
     error::{Complaint, SshError},
     hop::Trust,
@@ -197,6 +200,10 @@ impl Host for SshHost {
 
     async fn deploy(&self) -> Result<Deployed, HostError> {
         deployment::deploy(self).await
+    }
+
+    fn terminal(&self, program: &Program) -> process::Command {
+        terminal::terminal(&self.way.ssh, program)
     }
 
     fn machine_behind(&self, name: &str, address: SshAddress, identity: PathBuf) -> Arc<dyn Host> {

@@ -6,7 +6,7 @@ use rstest::rstest;
 
 use super::*;
 use crate::{
-    plan::{HostFacts, ProviderFacts, Selection, plan},
+    plan::{HostFacts, ProviderFacts, Selection, order::Order, plan},
     provider::Availability,
 };
 
@@ -31,7 +31,7 @@ fn told(bytes: &[u8], profile: Option<&str>) -> Diagnostics {
         },
     )]);
     let planned = MatrixFile::parse("matrix.yaml", bytes, profile)
-        .and_then(|file| plan(&file, &facts, &Selection::default(), 1));
+        .and_then(|file| plan(&file, &facts, &Selection::default(), Order::default(), 1));
     match planned {
         Ok(plan) => plan.warnings,
         Err(found) => found,

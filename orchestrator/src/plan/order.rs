@@ -5,6 +5,55 @@
 //! splittable pseudorandom number generators*, 2014) drives Durstenfeld's shuffle from the last place down, with draws
 //! rejected that would favour a place. Libraries reserve the right to change theirs.
 
+use std::collections::BTreeMap;
+
+use clap::ValueEnum;
+use reports::run_directory::PlannedScenario;
+
+/// How scenarios are put in order. Those of one host run one after another in this order, whatever others do.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, ValueEnum)]
+pub enum Order {
+    /// All shuffled.
+    #[default]
+    Randomised,
+    /// Those of one host and virtualization next to each other; the blocks are shuffled, and each in itself.
+    Blocked,
+}
+
+impl Order {
+    /// Its name on the command line and in the manifest.
+    #[must_use]
+    pub const fn name(self) -> &'static str {
+        match self {
+            Self::Randomised => "randomised",
+            Self::Blocked => "blocked",
+        }
+    }
+
+    /// The letters of scenarios in the order of a seed.
+    #[must_use]
+    pub fn arrange(self, scenarios: &[&PlannedScenario], seed: u64) -> Vec<String> {
+        let letter = |scenario: &&PlannedScenario| scenario.id.clone();
+        let shuffled = shuffled(scenarios.iter().map(letter).collect(), seed);
+        match self {
+            Self::Randomised => shuffled,
+            Self::Blocked => {
+                // A block is where the first of its scenarios came to be.
+                let mut blocks: BTreeMap<_, usize> = BTreeMap::new();
+                let mut placed: Vec<(usize, String)> = Vec::new();
+                for (place, letter) in shuffled.into_iter().enumerate() {
+                    let scenario = scenarios.iter().find(|it| it.id == letter);
+                    let block = scenario.map(|it| (it.host.clone(), it.axis("virtualization")));
+                    placed.push((*blocks.entry(block).or_insert(place), letter));
+                }
+                // A stable sort keeps the order within a block.
+                placed.sort_by_key(|(block, _)| *block);
+                placed.into_iter().map(|(_, letter)| letter).collect()
+            }
+        }
+    }
+}
+
 /// The numbers of a seed.
 struct SplitMix64(u64);
 

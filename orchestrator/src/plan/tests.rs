@@ -33,7 +33,13 @@ fn this_machine() -> BTreeMap<String, HostFacts> {
 
 fn planned(text: &str) -> Result<Plan, Diagnostics> {
     let file = MatrixFile::parse("matrix.yaml", text.as_bytes(), None)?;
-    plan(&file, &this_machine(), &Selection::default(), 1)
+    plan(
+        &file,
+        &this_machine(),
+        &Selection::default(),
+        Order::Randomised,
+        1,
+    )
 }
 
 /// Letter and slug of each scenario, excluded ones in parentheses.
@@ -88,7 +94,7 @@ fn the_quick_profile_takes_at_most_five_minutes_for_two_scenarios_and_can_still_
         skip: vec!["virtualization=virtualbox".to_owned()],
         ..Selection::default()
     };
-    let plan = plan(&file, &this_machine(), &selection, 1).unwrap();
+    let plan = plan(&file, &this_machine(), &selection, Order::Randomised, 1).unwrap();
     assert!(plan.record.measuring_s <= 300.0, "{}", plan.record.measuring_s);
     let attainable = plan.attainable.unwrap();
     assert!(attainable.worst.p < attainable.alpha, "{attainable:?}");
@@ -230,7 +236,7 @@ fn hosts_give_what_no_axis_does(#[case] matrix: &str, #[case] expected: &[&str])
         ("one".to_owned(), willing("i686", "ubuntu-24.04")),
         ("two".to_owned(), willing("aarch64", "osx")),
     ]);
-    let plan = plan(&file, &facts, &Selection::default(), 1).unwrap();
+    let plan = plan(&file, &facts, &Selection::default(), Order::Randomised, 1).unwrap();
     let line = |s: &PlannedScenario| {
         if s.feasible {
             s.slug.clone()
@@ -272,7 +278,7 @@ fn what_a_provider_lacks_is_the_reason_and_its_fix_the_fix() {
         reason: "no engine answers".to_owned(),
         fix: Some("apt-get install docker.io".to_owned()),
     };
-    let plan = plan(&file, &facts, &Selection::default(), 1).unwrap();
+    let plan = plan(&file, &facts, &Selection::default(), Order::Randomised, 1).unwrap();
     assert_eq!(
         plan.record.scenarios[1].reason.as_deref(),
         Some("no engine answers")
@@ -292,6 +298,7 @@ fn of_two_hosts_with_the_same_offer_the_one_that_can_is_taken() {
         &file,
         &BTreeMap::from([("two".to_owned(), willing("x", "y"))]),
         &Selection::default(),
+        Order::Randomised,
         1,
     )
     .unwrap();
@@ -301,10 +308,56 @@ fn of_two_hosts_with_the_same_offer_the_one_that_can_is_taken() {
 }
 
 #[test]
+fn in_blocks_the_scenarios_of_one_virtualization_run_next_to_each_other() {
+    let text = "matrix: {virtualization: [native, docker], network.seed: [1, 2, 3, 4]}";
+    let file = MatrixFile::parse("m", text.as_bytes(), None).unwrap();
+    let blocks = |order, seed| {
+        let plan = plan(&file, &this_machine(), &Selection::default(), order, seed).unwrap();
+        let virtualization = |id: &String| {
+            let mut scenarios = plan.record.scenarios.iter();
+            scenarios
+                .find(|it| it.id == *id)
+                .and_then(|it| it.axis("virtualization"))
+        };
+        let mut ordered: Vec<_> = plan.record.order.iter().map(virtualization).collect();
+        assert_eq!(ordered.len(), 8);
+        ordered.dedup();
+        ordered.len()
+    };
+    for seed in 0..20 {
+        assert_eq!(blocks(Order::Blocked, seed), 2);
+    }
+    assert!((0..20).any(|seed| blocks(Order::Randomised, seed) > 2));
+}
+
+#[test]
+fn hosts_that_are_at_work_side_by_side_take_as_long_as_the_slowest() {
+    let text =
+        format!("{TWO_HOSTS}matrix: {{network.seed: [1, 2]}}\nworkload: {{windows: 1, window: 60s}}\n");
+    let file = MatrixFile::parse("m", text.as_bytes(), None).unwrap();
+    let facts = BTreeMap::from([
+        ("one".to_owned(), willing("i686", "ubuntu-24.04")),
+        ("two".to_owned(), willing("aarch64", "osx")),
+    ]);
+    let plan = plan(&file, &facts, &Selection::default(), Order::Randomised, 1).unwrap();
+    assert_eq!(plan.record.order.len(), 4);
+    assert_eq!(plan.record.measuring_s, 2.0 * 60.0);
+}
+
+#[test]
 fn the_same_seed_gives_the_same_plan_and_another_another_order() {
     let text = "matrix: {network.seed: [1, 2, 3, 4, 5, 6, 7, 8]}";
     let file = MatrixFile::parse("m", text.as_bytes(), None).unwrap();
-    let with = |seed| plan(&file, &this_machine(), &Selection::default(), seed).unwrap();
+    let with = |seed| {
+        plan(
+            &file,
+            &this_machine(),
+            &Selection::default(),
+            Order::Randomised,
+            seed,
+        )
+        .unwrap()
+    };
     assert_eq!(with(7), with(7));
     assert_ne!(with(7).record.order, with(8).record.order);
     assert_eq!(with(7).record.scenarios, with(8).record.scenarios);
@@ -363,7 +416,7 @@ proptest! {
         let text = format!("matrix: {{label: [{}], virtualization: [fake, native]}}", list.join(", "));
         let file = MatrixFile::parse("m", text.as_bytes(), None);
         prop_assume!(file.is_ok());
-        let plan = plan(&file.unwrap(), &this_machine(), &Selection::default(), seed).unwrap();
+        let plan = plan(&file.unwrap(), &this_machine(), &Selection::default(), Order::Randomised, seed).unwrap();
         let slugs: BTreeSet<_> = plan.record.scenarios.iter().map(|s| &s.slug).collect();
         prop_assert_eq!(slugs.len(), values.len() * 2);
         let order: BTreeSet<_> = plan.record.order.iter().collect();
@@ -438,7 +491,7 @@ fn a_need_that_a_provider_cannot_meet_makes_the_scenarios_with_it_infeasible(
         .unwrap()
         .needs
         .insert(need, lacks_it);
-    let plan = plan(&file, &facts, &Selection::default(), 1).unwrap();
+    let plan = plan(&file, &facts, &Selection::default(), Order::Randomised, 1).unwrap();
     let infeasible: Vec<_> = plan
         .record
         .scenarios

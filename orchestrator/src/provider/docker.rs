@@ -42,7 +42,7 @@ use self::{
     labels::Labels,
 };
 use super::{Availability, Environment, EnvironmentRequest, Leftover, Provider, ProviderError, trial};
-use crate::host::{Forward, Host, Listener};
+use crate::host::{Forward, Host, Listener, Program};
 
 pub use settings::DockerSettings;
 
@@ -336,6 +336,32 @@ impl Provider for Docker {
             facts,
             remains,
         ))))
+    }
+
+    async fn shell(&self, environment: &str) -> Result<Program, ProviderError> {
+        if self.settings.image.is_none() {
+            return Err(ProviderError::Unsupported {
+                provider: NAME.to_owned(),
+                reason: "the built-in image has the workload in it and no shell".to_owned(),
+                hint: Some("name one that has in `providers.docker.image`, such as `debian:12`".to_owned()),
+            });
+        }
+        let engine = self.engine().await?;
+        let Some(container) = Self::inspect(engine, environment).await? else {
+            return Err(ProviderError::NotFound {
+                what: format!("container {environment}"),
+            });
+        };
+        let script = match container.state.and_then(|state| state.running) {
+            Some(true) => r#"exec docker exec -i $terminal "$1" /bin/sh"#,
+            // One that has ended cannot be entered: another of its image, with its volume.
+            _ => {
+                r#"exec docker run --rm -i $terminal --network none --volumes-from "$1" --entrypoint /bin/sh "$2""#
+            }
+        };
+        let script = format!("terminal=; if [ -t 0 ]; then terminal=-t; fi; {script}");
+        let image = container.image.unwrap_or_default();
+        Ok(Program::new("sh", ["-c", &script, "sh", environment, &image]))
     }
 
     /// Containers first, since what they use cannot be removed before them.

@@ -19,7 +19,7 @@ use super::{
     Availability, Environment, EnvironmentRequest, Leftover, Provider, ProviderError,
     environment_directory::EnvironmentDirectory,
 };
-use crate::state_directory::StateDirectory;
+use crate::{host::Program, state_directory::StateDirectory};
 
 pub use settings::{FakeScenario, FakeSettings, Fault, FaultPoint};
 
@@ -103,6 +103,14 @@ impl Provider for Fake {
             request,
             &self.settings,
         )?)))
+    }
+
+    async fn shell(&self, _: &str) -> Result<Program, ProviderError> {
+        Err(ProviderError::Unsupported {
+            provider: NAME.to_owned(),
+            reason: "there is nothing to enter".to_owned(),
+            hint: None,
+        })
     }
 
     async fn leftovers(&self) -> Result<Vec<Leftover>, ProviderError> {

@@ -18,7 +18,7 @@ use super::{
     detached::{DetachedEnvironment, Keeper},
     trial,
 };
-use crate::host::Host;
+use crate::host::{Host, Program};
 
 const NAME: &str = "native";
 /// An environment's folder, with which its process is ended.
@@ -143,6 +143,13 @@ impl Provider for Native {
             }
             _ => Ok(None),
         }
+    }
+
+    async fn shell(&self, environment: &str) -> Result<Program, ProviderError> {
+        let folder = self.keeper.deployed().await?.environments.join(environment);
+        let script = r#"cd "$1" && exec "${SHELL:-/bin/sh}""#;
+        let arguments = ["-c".into(), script.into(), "sh".into(), folder.into_os_string()];
+        Ok(Program::new("sh", arguments))
     }
 
     async fn leftovers(&self) -> Result<Vec<Leftover>, ProviderError> {

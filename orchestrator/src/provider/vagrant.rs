@@ -31,7 +31,7 @@ use super::{
     Availability, Ended, Environment, EnvironmentRequest, Leftover, Provider, ProviderError,
     detached::{DetachedEnvironment, Keeper},
 };
-use crate::host::Host;
+use crate::host::{Host, Program};
 
 /// A machine's folder on its host, with which the machine goes.
 const MACHINE: &str = "machine";
@@ -171,6 +171,10 @@ impl Provider for Vagrant {
             Some(found) if found.started => Ok(Some(self.environment(entered, name, found.running).await?)),
             _ => Ok(None),
         }
+    }
+
+    async fn shell(&self, environment: &str) -> Result<Program, ProviderError> {
+        Ok(self.machine(environment).await?.shell())
     }
 
     async fn leftovers(&self) -> Result<Vec<Leftover>, ProviderError> {

@@ -19,10 +19,12 @@ use workload::{causes::with_causes, record::progress::Progress};
 use super::{
     Run, RunError,
     collection::{self, CollectionError, Sorted},
+    room,
 };
 use crate::{
     host::lease::HostLease,
     journal::JournalError,
+    provider::detached::Keeper,
     provider::{Ended, Environment, EnvironmentRequest, Provider, ProviderError},
 };
 
@@ -46,6 +48,17 @@ pub(super) enum Trouble {
     NotRemoved {
         first: ProviderError,
         second: Box<Trouble>,
+    },
+    #[error(
+        "the disk of {place} has {} free, and {windows} windows take about {}",
+        room::in_words(*free),
+        room::in_words(*wanted)
+    )]
+    NoRoom {
+        place: String,
+        windows: usize,
+        wanted: u64,
+        free: u64,
     },
     #[error("`{environment}` of {} still measures on this host", run_directory.display())]
     StillMeasuring {
@@ -74,7 +87,7 @@ impl Ending {
         let hint = match trouble {
             Trouble::Provider(error) => error.hint(),
             Trouble::Journal(error) => Some(error.hint()),
-            Trouble::Collection(_) | Trouble::RunDirectory(_) => {
+            Trouble::Collection(_) | Trouble::RunDirectory(_) | Trouble::NoRoom { .. } => {
                 Some("make room on the disk and `matrix resume`".to_owned())
             }
             Trouble::StillMeasuring { run_directory, .. } => Some(format!(
@@ -164,6 +177,7 @@ impl Run<'_> {
         if self.stop.is_requested() {
             return Ok(Ending::of(Outcome::Interrupted, None, None));
         }
+        self.check_room(planned, windows.len()).await?;
         let attempt = self.events.scenario(&planned.slug).attempts + 1;
         let name = format!("matrix-{}-{}-{attempt}", self.name, planned.slug);
         let request = self.request(planned, name, windows);
@@ -229,6 +243,29 @@ impl Run<'_> {
                 return Err(Trouble::StillMeasuring {
                     environment: running.resource.name,
                     run_directory: running.run_directory.unwrap_or_default(),
+                });
+            }
+        }
+        Ok(())
+    }
+
+    /// Refuses to begin what would fill a disk: that of the host, or this machine's with the run directory. Others may
+    /// fill it yet.
+    async fn check_room(&self, planned: &PlannedScenario, windows: usize) -> Result<(), Trouble> {
+        let wanted = room::windows_take(&planned.settings, windows);
+        let host = self.fleet.host(planned.host.as_deref().unwrap_or_default())?;
+        let place = format!("host `{}`", host.name());
+        let there = Keeper::new(host).platform().await?.free_bytes;
+        let disk = rustix::fs::statvfs(self.directory.path()).map_err(io::Error::from)?;
+        let here = disk.f_bavail.saturating_mul(disk.f_frsize);
+        let run_directory = self.directory.path().display().to_string();
+        for (place, free) in [(place, there), (run_directory, here)] {
+            if free < wanted {
+                return Err(Trouble::NoRoom {
+                    place,
+                    windows,
+                    wanted,
+                    free,
                 });
             }
         }

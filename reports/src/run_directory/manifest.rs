@@ -25,6 +25,9 @@ pub struct Manifest {
     pub matrix_sha256: String,
     /// The profile that was chosen.
     pub profile: Option<String>,
+    /// How the scenarios were put in order: `randomised` or `blocked`. Runs of earlier versions were randomised.
+    #[serde(default = "randomised")]
+    pub order: String,
     /// Seed of the scenarios' order.
     pub seed: u64,
     /// The providers' own settings, as the matrix file's `providers:` section gives them.
@@ -34,6 +37,10 @@ pub struct Manifest {
     pub hosts: Vec<HostRecord>,
     /// How the tables are to be made.
     pub report: ReportSettings,
+}
+
+fn randomised() -> String {
+    "randomised".to_owned()
 }
 
 /// A host as it was when the run was planned.

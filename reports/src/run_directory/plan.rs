@@ -12,7 +12,7 @@ pub struct PlanRecord {
     pub scenarios: Vec<PlannedScenario>,
     /// Letters of the feasible ones that were selected, in the order they run.
     pub order: Vec<String>,
-    /// Time that measuring takes, in seconds: windows only, without setting up.
+    /// Time that measuring takes, in seconds: windows only, without setting up, on the host that has most of them.
     pub measuring_s: f64,
 }
 

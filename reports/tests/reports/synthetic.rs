@@ -186,6 +186,7 @@ fn manifest() -> Manifest {
         matrix_text: "matrix: {}\n".to_owned(),
         matrix_sha256: String::new(),
         profile: None,
+        order: "randomised".to_owned(),
         seed: 1,
         providers: json!({}),
         report: ReportSettings::default(),

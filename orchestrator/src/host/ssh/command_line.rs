@@ -52,6 +52,17 @@ fn text(word: &OsStr) -> Result<&str, CommandLineError> {
         .map_err(|_| CommandLineError::NotText(word.to_string_lossy().into_owned()))
 }
 
+/// Words as a POSIX shell reads them again. What is not UTF-8 is replaced: people read it, or the same library's rule
+/// holds.
+#[must_use]
+pub fn quoted(words: impl IntoIterator<Item = impl AsRef<OsStr>>) -> String {
+    let mut line = String::new();
+    for word in words {
+        push(&mut line, &word.as_ref().to_string_lossy());
+    }
+    line.trim_start().to_owned()
+}
+
 /// Within single quotes nothing means anything but the quote that ends them.
 fn push(line: &mut String, word: &str) {
     line.push_str(" '");

@@ -122,6 +122,10 @@ impl Host for Inside {
         }
     }
 
+    fn terminal(&self, program: &Program) -> std::process::Command {
+        self.ssh.terminal(program)
+    }
+
     fn machine_behind(
         &self,
         name: &str,

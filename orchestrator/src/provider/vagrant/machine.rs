@@ -203,6 +203,12 @@ impl Machine {
         Ok(output::value(&said, "state").unwrap_or("unknown").to_owned())
     }
 
+    /// A shell in it.
+    #[must_use]
+    pub fn shell(&self) -> Program {
+        vagrant(&self.folder(), &["ssh"])
+    }
+
     /// Why nothing can be had from a machine in such a state.
     #[must_use]
     pub fn stands_still(&self, state: &str) -> ProviderError {

@@ -10,7 +10,7 @@ use workload::settings::Settings;
 
 use super::*;
 use crate::{
-    host::{Here, Host},
+    host::{Here, Host, Program},
     journal::Journal,
     observer::{Events, Observer},
     provider::{Availability, Leftover},
@@ -57,6 +57,10 @@ impl Provider for Refusing {
 
     async fn find(&self, _: &EnvironmentRequest) -> Result<Option<Box<dyn Environment>>, ProviderError> {
         Ok(None)
+    }
+
+    async fn shell(&self, _: &str) -> Result<Program, ProviderError> {
+        Err(refusal("entering", "there is nothing"))
     }
 
     async fn leftovers(&self) -> Result<Vec<Leftover>, ProviderError> {

@@ -1,0 +1,162 @@
+//! `matrix shell SCENARIO`: a shell in an environment that was kept (`--keep`), or that a crash left.
+
+use std::{
+    fs,
+    os::unix::process::CommandExt as _,
+    path::{Path, PathBuf},
+};
+
+use clap::Args;
+use reports::run_directory::{PlannedScenario, RunDirectory};
+
+use crate::{
+    exit::Exit,
+    lease,
+    run::{Fleet as _, record::RecordedRun, state::ScenarioState},
+    terminal::{self, Complaint},
+};
+
+/// What it takes.
+#[derive(Debug, Args)]
+pub struct ShellArguments {
+    /// The scenario, by its letter or its name.
+    scenario: String,
+    /// The run directory; otherwise the newest in `runs/` that has kept an environment of that scenario.
+    #[arg(long, value_name = "RUN")]
+    run: Option<PathBuf>,
+    /// Print the command and do not run it.
+    #[arg(long)]
+    print: bool,
+}
+
+/// Becomes the shell.
+///
+/// # Errors
+/// When there is no such environment, something is measured in it, or its platform has no shell for it.
+pub async fn execute(arguments: &ShellArguments) -> Result<Exit, Complaint> {
+    let Left {
+        recorded,
+        planned,
+        environment,
+        kept,
+    } = find(arguments)?;
+    let roster = recorded.roster()?;
+    let infrastructure = |error: crate::provider::ProviderError| {
+        let hint = error.hint();
+        Complaint::new(Exit::Infrastructure, &error, hint)
+    };
+    let provider = roster.provider(&planned).map_err(infrastructure)?;
+    let leftovers = provider.leftovers().await.map_err(infrastructure)?;
+    let mut ours = leftovers.iter().filter(|it| it.resource.name == environment);
+    let Some(leftover) = ours.next() else {
+        return Err(wrong(
+            format!("{environment} does not exist any more"),
+            "`matrix clean` or somebody else removed it",
+        ));
+    };
+    if !kept && leftover.running {
+        return Err(wrong(
+            format!("{environment} may still be measuring, which a shell would disturb"),
+            "`matrix resume` goes on with it",
+        ));
+    }
+    let program = provider.shell(&environment).await.map_err(infrastructure)?;
+    let host = roster
+        .host(planned.host.as_deref().unwrap_or_default())
+        .map_err(infrastructure)?;
+    let mut command = host.terminal(&program);
+    if arguments.print {
+        let words = std::iter::once(command.get_program()).chain(command.get_args());
+        terminal::result(&format!("{}\n", crate::host::quoted(words)));
+        return Ok(Exit::Done);
+    }
+    // Only comes back when it could not become it.
+    let error = command.exec();
+    Err(Complaint {
+        what: format!("cannot start {}: {error}", command.get_program().display()).into(),
+        hint: None,
+        exit: Exit::Infrastructure,
+    })
+}
+
+/// An environment that can be entered.
+struct Left {
+    recorded: RecordedRun,
+    planned: PlannedScenario,
+    environment: String,
+    /// Whether it was left by a wish, and not by a crash.
+    kept: bool,
+}
+
+fn find(arguments: &ShellArguments) -> Result<Left, Complaint> {
+    let wanted = &arguments.scenario;
+    if let Some(run) = &arguments.run {
+        let directory = RecordedRun::directory(run)?;
+        return match look(&directory, wanted)? {
+            Some(left) => Ok(left),
+            None => Err(nothing_kept(wanted, &format!("in {}", run.display()))),
+        };
+    }
+    for run in newest_first(Path::new("runs")) {
+        // What is no run directory, or one of another version, is passed by.
+        let found = RecordedRun::directory(&run).and_then(|directory| look(&directory, wanted));
+        if let Ok(Some(left)) = found {
+            return Ok(left);
+        }
+    }
+    Err(nothing_kept(wanted, "in `runs/`"))
+}
+
+fn nothing_kept(wanted: &str, place: &str) -> Complaint {
+    wrong(
+        format!("no environment of a scenario `{wanted}` was kept {place}"),
+        "`matrix run --keep always` keeps them; `--run RUN` names another run directory",
+    )
+}
+
+fn wrong(what: String, hint: &str) -> Complaint {
+    Complaint {
+        what: what.into(),
+        hint: Some(hint.to_owned()),
+        exit: Exit::Wrong,
+    }
+}
+
+/// The environment of a scenario of a run that can be entered, if there is one.
+fn look(directory: &RunDirectory, wanted: &str) -> Result<Option<Left>, Complaint> {
+    let recorded = RecordedRun::read(directory)?;
+    let is_it = |planned: &&PlannedScenario| planned.id == *wanted || planned.slug == *wanted;
+    let Some(planned) = recorded.plan.scenarios.iter().find(is_it).cloned() else {
+        return Ok(None);
+    };
+    let ScenarioState { kept, open, .. } = recorded.state.scenario(&planned.slug);
+    // Names end with the number of the attempt, of which there are few.
+    let left = match kept.into_iter().next_back() {
+        Some(environment) => Some((environment, true)),
+        None if lease::is_held(&directory.lock()) => {
+            return Err(wrong(
+                format!("the run {} goes on", directory.path().display()),
+                "what is measured there would be disturbed: wait for it, or end it with Ctrl-C",
+            ));
+        }
+        None => open.map(|open| (open.environment, false)),
+    };
+    Ok(left.map(|(environment, kept)| Left {
+        recorded,
+        planned,
+        environment,
+        kept,
+    }))
+}
+
+/// The folders of runs; their names begin with their time.
+fn newest_first(runs: &Path) -> Vec<PathBuf> {
+    let mut found: Vec<PathBuf> = fs::read_dir(runs)
+        .into_iter()
+        .flatten()
+        .filter_map(|entry| Some(entry.ok()?.path()))
+        .collect();
+    found.sort();
+    found.reverse();
+    found
+}
