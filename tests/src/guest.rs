@@ -248,6 +248,33 @@ impl Guest {
         ssh
     }
 
+    /// Boots it anew with the disk as it is, and waits until it answers again. Nobody in it is asked to end.
+    ///
+    /// # Panics
+    /// When it does not come back.
+    pub fn reboot(&mut self) {
+        let boot = |guest: &Self| guest.run(&["cat", "/proc/sys/kernel/random/boot_id"]).out;
+        let before = boot(self);
+        // It would wait for what nobody answers any more.
+        if let Some(mut connection) = self.connection.take() {
+            let _ = connection.kill();
+            let _ = connection.wait();
+        }
+        let mut reboot = self.command(&["reboot", "--force"]);
+        let mut reboot = reboot.stdin(Stdio::null()).spawn().expect("ssh starts");
+        let deadline = Instant::now() + BOOT;
+        while !self.answers() || [before.as_str(), ""].contains(&boot(self).as_str()) {
+            assert!(
+                Instant::now() < deadline,
+                "the guest did not come back{}",
+                self.state()
+            );
+            thread::sleep(LOOK);
+        }
+        let _ = reboot.kill();
+        let _ = reboot.wait();
+    }
+
     /// Copies a file or folder of this machine into the guest, modes included.
     ///
     /// # Panics
@@ -408,7 +435,7 @@ impl Model {
         let image = image.display().to_string();
         let common = [
             &self.qemu.replace("{image}", &image),
-            "-nodefaults -no-user-config -no-reboot -display none -m 1024",
+            "-nodefaults -no-user-config -display none -m 1024",
             &format!("-kernel {image}/vmlinuz -initrd {image}/initrd"),
         ];
         common
@@ -418,7 +445,7 @@ impl Model {
             .map(str::to_owned)
             .chain([
                 "-append".to_owned(),
-                format!("net.ifnames=0 panic=-1 quiet {} {parameters}", self.parameters),
+                format!("net.ifnames=0 quiet {} {parameters}", self.parameters),
             ])
             .collect()
     }

@@ -6,7 +6,9 @@
 pub mod difference;
 mod fleet;
 mod guest;
+pub mod killed;
 pub mod sshd;
+mod there;
 pub mod virtual_time;
 mod workload;
 
@@ -29,6 +31,7 @@ use tempfile::TempDir;
 pub use crate::{
     fleet::Fleet,
     guest::{AARCH64, DEBIAN_12, Guest, I686, Model},
+    there::There,
     workload::{network_probe, workload_binary, workloads_for},
 };
 
@@ -150,14 +153,7 @@ impl Workplace {
 
     /// Starts `matrix` and follows its plain lines.
     pub fn start(&self, arguments: &[&str]) -> Running {
-        let mut child = self
-            .matrix(arguments)
-            .stdout(Stdio::piped())
-            .stderr(Stdio::piped())
-            .spawn()
-            .expect("matrix starts");
-        let lines = BufReader::new(child.stderr.take().expect("standard error is a pipe"));
-        Running { child, lines }
+        Running::of(&mut self.matrix(arguments))
     }
 
     /// The one run directory under `runs/`.
@@ -208,6 +204,17 @@ pub struct Running {
 }
 
 impl Running {
+    /// Starts such a command.
+    pub fn of(matrix: &mut Command) -> Self {
+        let mut child = matrix
+            .stdout(Stdio::piped())
+            .stderr(Stdio::piped())
+            .spawn()
+            .expect("matrix starts");
+        let lines = BufReader::new(child.stderr.take().expect("standard error is a pipe"));
+        Self { child, lines }
+    }
+
     /// The next line on standard error; `None` at its end.
     pub fn next_line(&mut self) -> Option<String> {
         let mut line = String::new();

@@ -160,6 +160,16 @@ impl Sshd {
         assert!(self.try_serve(), "the port was taken:\n{}", self.said());
     }
 
+    /// Ends the server and its connections, and starts it anew when so much time has passed.
+    ///
+    /// # Panics
+    /// As [`Sshd::restart`].
+    pub fn restart_after(&mut self, time: Duration) {
+        self.stop();
+        thread::sleep(time);
+        self.restart();
+    }
+
     /// Gives it another ed25519 host key, as setting the host up anew would.
     pub fn set_up_anew(&mut self) {
         self.stop();

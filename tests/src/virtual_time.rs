@@ -114,7 +114,7 @@ fn machine(image: &Path, folder: &Path) -> Vec<String> {
     DEBIAN_12.command(
         image,
         &[
-            "-accel tcg,thread=single -icount shift=0,sleep=off,align=off -smp 1",
+            "-no-reboot -accel tcg,thread=single -icount shift=0,sleep=off,align=off -smp 1",
             &format!(
                 "-drive file={},format=raw,if=virtio,readonly=on",
                 place("disk").display()
@@ -122,6 +122,6 @@ fn machine(image: &Path, folder: &Path) -> Vec<String> {
             &format!("-serial file:{}", place("console").display()),
             &format!("-serial file:{}", place("result").display()),
         ],
-        init,
+        &format!("panic=-1 {init}"),
     )
 }

@@ -1,61 +1,17 @@
-//! A matrix of this machine and one behind SSH, a real sshd: a run, its report, and nothing left; also where the connection
-//! is cut in a window.
+//! A matrix of this machine and one behind SSH, a real sshd: a run, its report, and nothing left.
 
-use std::{
-    fs::File,
-    io::Write as _,
-    path::{Path, PathBuf},
-    process::Command,
-};
+use std::{fs::File, path::Path};
 
 use serde_json::Value;
-use tests::{Ran, Workplace, sshd::Sshd};
+use tests::{Ran, There, Workplace};
 
-/// Another machine, as far as anybody can tell: sshd's users have a state folder of their own.
-struct There {
-    sshd: Sshd,
-}
-
-impl There {
-    fn new() -> Self {
-        Self { sshd: Sshd::start() }
-    }
-
-    fn connect(&self) -> String {
-        format!(
-            "{{ssh: \"{}\", identity: {}, known_hosts: {}}}",
-            self.sshd.address(),
-            self.sshd.identity().display(),
-            self.sshd.known_hosts().display()
-        )
-    }
-
-    /// What is in its folder of environments.
-    fn environments(&self) -> Vec<String> {
-        match std::fs::read_dir(self.sshd.folder().join("state/environments")) {
-            Ok(entries) => entries
-                .map(|entry| entry.unwrap().file_name().into_string().unwrap())
-                .collect(),
-            Err(_) => Vec::new(),
-        }
-    }
-}
-
-const WORKLOAD: &str =
-    "workload:\n  windows: 2\n  window: 3s\n  period: 1s\n  reference: {amplitude_m: 0.05}\n";
+const WORKLOAD: &str = "  windows: 2\n  window: 3s\n  period: 1s\n  reference: {amplitude_m: 0.05}\n";
 
 /// Hosts whose hardware has names that tell them apart.
 fn two_hosts(there: &There) -> String {
     format!(
         "hosts:\n  here: {{hardware: one}}\n  there: {{hardware: two, os: linux, connect: {}}}\n\
-         matrix:\n  virtualization: [native]\n{WORKLOAD}",
-        there.connect()
-    )
-}
-
-fn only_there(there: &There) -> String {
-    format!(
-        "hosts:\n  there: {{hardware: two, os: linux, connect: {}}}\nmatrix:\n  virtualization: [native]\n{WORKLOAD}",
+         matrix:\n  virtualization: [native]\nworkload:\n{WORKLOAD}",
         there.connect()
     )
 }
@@ -68,7 +24,7 @@ fn is_whole(window: &Path) -> bool {
 #[test]
 fn two_hosts_are_measured_and_reported_and_nothing_is_left_on_either() {
     let workplace = Workplace::measuring();
-    let there = There::new();
+    let there = There::start();
     workplace.write("m.yaml", two_hosts(&there));
 
     let plan = workplace.json(&["plan", "m.yaml"]);
@@ -122,35 +78,9 @@ fn two_hosts_are_measured_and_reported_and_nothing_is_left_on_either() {
 }
 
 #[test]
-fn windows_are_whole_though_the_connection_is_cut_in_one() {
-    let workplace = Workplace::measuring();
-    let there = There::new();
-    workplace.write("m.yaml", only_there(&there));
-    let mut running = workplace.start(&["run", "m.yaml"]);
-    running.wait_for("measuring window 1");
-    there.sshd.cut();
-    running.wait_for("window 1 complete");
-    there.sshd.cut();
-    let ran = running.end();
-    assert_eq!(ran.code, Some(0), "{ran:?}");
-    let scenario = workplace.scenario_directory();
-    assert!((1..=2).all(|window| is_whole(&scenario.join(format!("window-{window}")))));
-    let journal = std::fs::read_to_string(workplace.run_directory().join("events.jsonl")).unwrap();
-    for said in [
-        r#""event":"network-up""#,
-        r#""event":"window-complete","window":1,"#,
-        r#""event":"window-complete","window":2,"#,
-    ] {
-        let lines = journal.lines().filter(|line| line.contains(said));
-        assert_eq!(lines.count(), 1, "{said}:\n{journal}");
-    }
-    assert_eq!(there.environments(), Vec::<String>::new());
-}
-
-#[test]
 fn what_is_kept_can_be_entered_until_it_is_removed() {
     let workplace = Workplace::measuring();
-    let there = There::new();
+    let there = There::start();
     workplace.write("m.yaml", two_hosts(&there));
     let ran = workplace.run(&["run", "m.yaml", "--keep", "always"]);
     assert_eq!(ran.code, Some(0), "{ran:?}");
@@ -182,9 +112,9 @@ fn what_is_kept_can_be_entered_until_it_is_removed() {
 fn a_host_that_another_matrix_measures_on_is_waited_for() {
     let here = Workplace::measuring();
     let elsewhere = here.beside();
-    let there = There::new();
+    let there = There::start();
     for control in [&here, &elsewhere] {
-        control.write("m.yaml", only_there(&there));
+        control.write("m.yaml", there.matrix(WORKLOAD));
     }
     let mut running = here.start(&["run", "m.yaml"]);
     running.wait_for("measuring window 1");
@@ -199,7 +129,7 @@ fn a_host_that_another_matrix_measures_on_is_waited_for() {
 #[test]
 fn a_host_that_does_not_answer_is_told_with_what_to_do_and_the_others_are_measured() {
     let workplace = Workplace::measuring();
-    let there = There::new();
+    let there = There::start();
     workplace.write("m.yaml", two_hosts(&there));
     drop(there);
     let plan = workplace.json(&["plan", "m.yaml"]);
@@ -213,8 +143,8 @@ fn a_host_that_does_not_answer_is_told_with_what_to_do_and_the_others_are_measur
 #[test]
 fn what_a_killed_run_left_on_another_host_is_found_and_removed_without_its_run_directory() {
     let workplace = Workplace::measuring();
-    let there = There::new();
-    workplace.write("m.yaml", only_there(&there));
+    let there = There::start();
+    workplace.write("m.yaml", there.matrix(WORKLOAD));
     let mut running = workplace.start(&["run", "m.yaml"]);
     running.wait_for("measuring window 1");
     running.kill();
@@ -233,79 +163,4 @@ fn what_a_killed_run_left_on_another_host_is_found_and_removed_without_its_run_d
             .all(|it| it["host"] != "there"),
         "{again:#}"
     );
-}
-
-/// A disk of its own for the state folder there, until it is dropped.
-struct SmallDisk(PathBuf);
-
-impl SmallDisk {
-    fn under(there: &There, size: &str) -> Self {
-        let folder = there.sshd.folder().join("state");
-        std::fs::create_dir_all(&folder).unwrap();
-        let mounted = Command::new("mount")
-            .args(["-t", "tmpfs", "-o", &format!("size={size}"), "matrix-test"])
-            .arg(&folder)
-            .output()
-            .unwrap();
-        assert!(mounted.status.success(), "only root can make a disk: {mounted:?}");
-        Self(folder)
-    }
-
-    fn filler(&self) -> PathBuf {
-        self.0.join("filler")
-    }
-
-    fn fill(&self) {
-        let mut filler = File::create(self.filler()).unwrap();
-        let piece = [0; 4096];
-        while filler.write_all(&piece).is_ok() {}
-    }
-}
-
-impl Drop for SmallDisk {
-    fn drop(&mut self) {
-        let _ = Command::new("umount").arg("--lazy").arg(&self.0).output();
-    }
-}
-
-#[test]
-fn a_disk_that_fills_up_in_a_window_ends_the_scenario_and_keeps_the_windows_before() {
-    let workplace = Workplace::measuring();
-    let there = There::new();
-    let disk = SmallDisk::under(&there, "24m");
-    workplace.write("m.yaml", only_there(&there).replace("window: 3s", "window: 5s"));
-    let mut running = workplace.start(&["run", "m.yaml"]);
-    running.wait_for("window 1 complete");
-    disk.fill();
-    let ran = running.end();
-    assert_eq!(ran.code, Some(3), "{ran:?}");
-    let directory = workplace.run_directory();
-    let directory = directory.to_str().unwrap();
-    let status = workplace.json(&["status", directory]);
-    let scenario = &status["scenarios"][0];
-    assert_eq!(scenario["state"], "errored", "{status:#}");
-    assert_eq!(scenario["windows_collected"], 1, "{status:#}");
-    let reason = scenario["reason"].as_str().unwrap();
-    assert!(reason.contains("No space left on device"), "{reason}");
-
-    std::fs::remove_file(disk.filler()).unwrap();
-    let resumed = workplace.run(&["resume", directory]);
-    assert_eq!(resumed.code, Some(0), "{resumed:?}");
-    assert_eq!(there.environments(), Vec::<String>::new());
-}
-
-#[test]
-fn windows_that_a_disk_has_no_room_for_are_not_begun() {
-    let workplace = Workplace::measuring();
-    let there = There::new();
-    let _disk = SmallDisk::under(&there, "24m");
-    workplace.write(
-        "m.yaml",
-        only_there(&there).replace("window: 3s", "window: 6000s"),
-    );
-    let ran = workplace.run(&["run", "m.yaml"]);
-    assert_eq!(ran.code, Some(3), "{ran:?}");
-    assert!(ran.err.contains("the disk of host `there` has "), "{ran:?}");
-    assert!(ran.err.contains("and 2 windows take about 1.0 GB"), "{ran:?}");
-    assert_eq!(there.environments(), Vec::<String>::new());
 }
