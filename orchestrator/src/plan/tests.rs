@@ -332,8 +332,9 @@ fn in_blocks_the_scenarios_of_one_virtualization_run_next_to_each_other() {
 
 #[test]
 fn hosts_that_are_at_work_side_by_side_take_as_long_as_the_slowest() {
-    let text =
-        format!("{TWO_HOSTS}matrix: {{network.seed: [1, 2]}}\nworkload: {{windows: 1, window: 60s, period: 10s}}\n");
+    let text = format!(
+        "{TWO_HOSTS}matrix: {{network.seed: [1, 2]}}\nworkload: {{windows: 1, window: 60s, period: 10s}}\n"
+    );
     let file = MatrixFile::parse("m", text.as_bytes(), None).unwrap();
     let facts = BTreeMap::from([
         ("one".to_owned(), willing("i686", "ubuntu-24.04")),
