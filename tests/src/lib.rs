@@ -10,6 +10,7 @@ pub mod killed;
 pub mod sshd;
 mod there;
 pub mod virtual_time;
+pub mod virtualbox;
 mod workload;
 
 use std::{

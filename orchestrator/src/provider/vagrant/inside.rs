@@ -24,6 +24,21 @@ fn as_root(program: &Program) -> Program {
     )
 }
 
+/// A key in a file of ours, for as long as that is needed.
+fn kept(key: &[u8]) -> Result<NamedTempFile, ProviderError> {
+    let keep = || -> std::io::Result<NamedTempFile> {
+        // Only its owner may read it.
+        let mut file = NamedTempFile::with_prefix("matrix-key-")?;
+        file.write_all(key)?;
+        Ok(file)
+    };
+    keep().map_err(|source| ProviderError::File {
+        action: "write",
+        path: std::env::temp_dir(),
+        source,
+    })
+}
+
 /// A machine, from within.
 pub struct Inside {
     ssh: Arc<dyn Host>,
@@ -41,33 +56,26 @@ impl Inside {
     /// When Vagrant does not say the way.
     pub async fn of(host: &Arc<dyn Host>, machine: Machine, name: &str) -> Result<Self, ProviderError> {
         let way = machine.way_in().await?;
-        let key = machine.key(&way.identity).await?;
-        let keep = || -> std::io::Result<NamedTempFile> {
-            // Only its owner may read it.
-            let mut file = NamedTempFile::with_prefix("matrix-key-")?;
-            file.write_all(&key)?;
-            Ok(file)
-        };
-        let key = keep().map_err(|source| ProviderError::File {
-            action: "write",
-            path: std::env::temp_dir(),
-            source,
-        })?;
-        let ssh = host.machine_behind(name, way.address, key.path().to_owned());
-        // Boxes let their user do so by convention, and a machine of ours is ours altogether.
-        let (exit, _) = output(
-            ssh.as_ref(),
-            &as_root(&Program::new::<&str>("true", [])),
-            b"",
-            PATIENCE,
-        )
-        .await?;
-        Ok(Self {
-            ssh,
-            machine,
-            becomes_root: exit.success(),
-            _key: key,
-        })
+        let mut refusal = None;
+        for identity in &way.identities {
+            let key = kept(&machine.key(identity).await?)?;
+            let ssh = host.machine_behind(name, way.address.clone(), key.path().to_owned());
+            // Boxes let their user do so by convention, and a machine of ours is ours altogether.
+            let asking = as_root(&Program::new::<&str>("true", []));
+            match output(ssh.as_ref(), &asking, b"", PATIENCE).await {
+                Ok((exit, _)) => {
+                    return Ok(Self {
+                        ssh,
+                        machine,
+                        becomes_root: exit.success(),
+                        _key: key,
+                    });
+                }
+                // Another key may be the one that the machine knows.
+                Err(error) => refusal = Some(error.into()),
+            }
+        }
+        Err(refusal.unwrap_or_else(|| machine.without_a_key()))
     }
 
     /// A connection that is lost may come back, but not to a machine that is gone.

@@ -4,6 +4,7 @@
 //! Each has a folder and a state of its own, so that neither other runs nor other people's machines are ever touched.
 
 use std::{
+    collections::BTreeMap,
     path::{Path, PathBuf},
     sync::Arc,
     time::Duration,
@@ -161,10 +162,7 @@ impl Machine {
 
     /// All that the Vagrantfile is told.
     fn definition(&self, settings: &VagrantSettings) -> Value {
-        let mut options = settings.options.clone();
-        if let Some((name, value)) = network_card(self.provider, settings.network_card.as_deref()) {
-            options.entry(name.to_owned()).or_insert(value);
-        }
+        let options = with_network_card(self.provider, settings);
         json!({
             "provider": self.provider,
             "box": settings.name,
@@ -235,7 +233,15 @@ impl Machine {
             .ok_or_else(|| self.folders.refused(action, None, "it names no address".into()))
     }
 
-    /// The private key that lets us in, which is a file of its host.
+    /// Why it cannot be entered when Vagrant names no key.
+    #[must_use]
+    pub fn without_a_key(&self) -> ProviderError {
+        let action = format!("entering the machine {}", self.name);
+        self.folders
+            .refused(&action, None, "Vagrant names no key for it".into())
+    }
+
+    /// A private key that Vagrant names, which is a file of its host.
     ///
     /// # Errors
     /// When it cannot be read.
@@ -334,6 +340,23 @@ pub fn vagrant(folder: &Path, arguments: &[&str]) -> Program {
     )
 }
 
+/// All options of a provider. Those of the file come last, so that they hold where both name a card.
+fn with_network_card(provider: &str, settings: &VagrantSettings) -> BTreeMap<String, Value> {
+    let mut options = settings.options.clone();
+    if let Some((name, ours)) = network_card(provider, settings.network_card.as_deref()) {
+        match (options.get_mut(name), ours) {
+            // A list of commands, which has a place for one more.
+            (Some(Value::Array(theirs)), Value::Array(mut ours)) => {
+                ours.append(theirs);
+                *theirs = ours;
+            }
+            (Some(_), _) => {}
+            (None, ours) => drop(options.insert(name.to_owned(), ours)),
+        }
+    }
+    options
+}
+
 /// The option by which a provider is told the card's model. Who knows another names it under `options`.
 fn network_card(provider: &str, model: Option<&str>) -> Option<(&'static str, Value)> {
     let model = model?;
@@ -368,4 +391,35 @@ fn archive(files: &[(&str, &str)]) -> std::io::Result<Vec<u8>> {
         archive.append_data(&mut header, name, text.as_bytes())?;
     }
     archive.into_inner()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_network_card_is_set_beside_what_else_is_customized() {
+        let settings = |options: Value| VagrantSettings {
+            network_card: Some("virtio".to_owned()),
+            options: serde_json::from_value(options).unwrap(),
+            ..VagrantSettings::default()
+        };
+        let customized = settings(json!({"customize": [["modifyvm", ":id", "--audio-driver", "none"]]}));
+        assert_eq!(
+            json!(with_network_card("virtualbox", &customized)),
+            json!({"customize": [
+                ["modifyvm", ":id", "--nictype1", "virtio"],
+                ["modifyvm", ":id", "--audio-driver", "none"],
+            ]})
+        );
+        let named = settings(json!({"nic_model_type": "e1000"}));
+        assert_eq!(
+            json!(with_network_card("libvirt", &named)),
+            json!({"nic_model_type": "e1000"})
+        );
+        assert_eq!(
+            json!(with_network_card("libvirt", &settings(json!({})))),
+            json!({"nic_model_type": "virtio"})
+        );
+    }
 }

@@ -1,0 +1,91 @@
+//! Virtual machines through Vagrant and VirtualBox, from `vagrant up` to the report and to nothing: the real VirtualBox, its
+//! machine's processor interpreted.
+
+use serde_json::Value;
+use tests::{Ran, Workplace, virtualbox::VirtualBox};
+
+/// Two control steps a second, of the machine's clock.
+const WORKLOAD: &str = "\
+workload:
+  windows: 2
+  rate: 2Hz
+  window: 4s
+  period: 1s
+  reference: {amplitude_m: 0.05}
+";
+
+#[test]
+fn a_machine_of_virtualbox_is_made_measured_in_reported_and_removed() {
+    let workplace = Workplace::measuring();
+    let virtualbox = VirtualBox::in_workplace(&workplace);
+    let run = |arguments: &[&str]| {
+        Ran::of(
+            virtualbox
+                .on(workplace.matrix(arguments))
+                .output()
+                .expect("matrix starts"),
+        )
+    };
+    let json = |arguments: &[&str]| -> Value {
+        let ran = run(&[arguments, &["--json"]].concat());
+        serde_json::from_str(&ran.out).unwrap_or_else(|error| panic!("{arguments:?}: {error}\n{ran:?}"))
+    };
+    workplace.write(
+        "m.yaml",
+        format!(
+            "matrix: {{virtualization: [virtualbox]}}\n{WORKLOAD}{}",
+            tests::virtualbox::PROVIDER
+        ),
+    );
+
+    let other = std::fs::read_to_string(workplace.path().join("m.yaml")).unwrap();
+    workplace.write(
+        "other.yaml",
+        other.replace("matrix/virtualbox", "matrix/not-there"),
+    );
+    let plan = json(&["plan", "other.yaml"]);
+    assert_eq!(
+        plan["scenarios"][0]["reason"], "Vagrant has no box `matrix/not-there` for virtualbox",
+        "{plan:#}"
+    );
+
+    let plan = json(&["plan", "m.yaml"]);
+    assert_eq!(plan["scenarios"][0]["feasible"], true, "{plan:#}");
+
+    let ran = run(&["run", "m.yaml"]);
+    assert_eq!(ran.code, Some(0), "{ran:?}");
+    let directory = workplace.run_directory();
+    let report = json(&["report", directory.to_str().unwrap()]);
+    let scenario = &report["scenarios"][0];
+    assert_eq!(scenario["outcome"], "completed", "{report:#}");
+    let windows = scenario["windows"].as_array().unwrap();
+    assert_eq!(windows.len(), 2, "{report:#}");
+    for window in windows {
+        // An interpreted processor may be too slow for a window to be valid: it counts, or the report says why not.
+        let reasons = window["reasons"].as_array().unwrap();
+        assert!(
+            window["counted"] == true || !reasons.is_empty(),
+            "{window:#}\n{ran:?}"
+        );
+        for reason in reasons {
+            let beginning: String = reason.as_str().unwrap().chars().take(20).collect();
+            assert!(ran.out.contains(&beginning), "{beginning}\n{ran:?}");
+        }
+    }
+
+    let environment = workplace.scenario_directory().join("environment.json");
+    let environment: Value = serde_json::from_slice(&std::fs::read(environment).unwrap()).unwrap();
+    assert_eq!(environment["provider"], "virtualbox", "{environment:#}");
+    assert_eq!(
+        environment["facts"]["machine"]["box"], "matrix/virtualbox",
+        "{environment:#}"
+    );
+    assert_eq!(environment["platform"]["hostname"], "guest", "{environment:#}");
+
+    assert_eq!(virtualbox.machines(), "");
+    let machines = workplace.path().join("state/machines");
+    assert_eq!(std::fs::read_dir(machines).unwrap().count(), 0);
+    let left = json(&["clean", "--dry-run"]);
+    let machine = |it: &&Value| it["kind"] == "machine";
+    assert_eq!(left["leftovers"].as_array().unwrap().iter().find(machine), None);
+}
