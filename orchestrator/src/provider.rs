@@ -15,6 +15,7 @@ mod error;
 pub mod fake;
 mod lines;
 pub mod native;
+mod patience;
 mod roster;
 mod settings;
 mod trial;

@@ -4,7 +4,7 @@
 
 mod provided;
 
-use std::{collections::HashMap, path::Path};
+use std::{collections::HashMap, path::Path, time::Duration};
 
 use bollard::{
     Docker as Api, body_full,
@@ -95,7 +95,7 @@ impl Doorway {
 }
 
 #[tokio::test]
-async fn an_engine_that_goes_away_in_a_window_is_a_lost_connection_and_what_it_runs_is_found_again() {
+async fn an_engine_that_goes_away_in_a_window_is_waited_for_and_every_line_comes_once() {
     let folder = tempfile::tempdir().unwrap();
     let socket = folder.path().join("docker.sock");
     let address = format!("unix://{}", socket.display());
@@ -103,33 +103,43 @@ async fn an_engine_that_goes_away_in_a_window_is_a_lost_connection_and_what_it_r
     let provider = Docker::at(&address, HOST, DockerSettings::default());
     let request = request("away", 2);
     let mut environment = provider.create(&request).await.unwrap();
-    until(environment.as_mut(), |line| {
-        matches!(line, Progress::Measuring { .. })
-    })
-    .await;
+    let mut said = Vec::new();
+    while !matches!(said.last(), Some(Progress::Measuring { .. })) {
+        said.push(environment.next_progress().await.unwrap().unwrap());
+    }
 
     doorway.close(&socket).await;
-    let lost = loop {
-        match environment.next_progress().await {
-            Ok(Some(_)) => {}
-            Ok(None) => panic!("taken for the workload's end"),
-            Err(error) => break error,
-        }
-    };
-    assert!(matches!(lost, ProviderError::Disconnected { .. }), "{lost}");
-    assert!(
-        environment.next_progress().await.is_err(),
-        "nor is it the end afterwards"
-    );
     let away = provider.find(&request).await.map(|_| ()).unwrap_err();
     assert!(matches!(away, ProviderError::Disconnected { .. }), "{away}");
+    let waiting = tokio::time::timeout(Duration::from_secs(1), environment.next_progress()).await;
+    assert!(waiting.is_err(), "neither an end nor an error: {waiting:?}");
 
     let doorway = Doorway::open(&socket);
-    let mut found = provider.find(&request).await.unwrap().unwrap();
-    let said = lines_of(found.as_mut()).await;
-    assert!(matches!(said.first(), Some(Progress::Started { .. })), "{said:?}");
+    said.extend(lines_of(environment.as_mut()).await);
+    let times = |what: fn(&Progress) -> bool| said.iter().filter(|line| what(line)).count();
+    let started = times(|line| matches!(line, Progress::Started { .. }));
+    let measuring = times(|line| matches!(line, Progress::Measuring { window: 1, .. }));
+    let whole = times(first_window_is_whole);
+    assert_eq!((started, measuring, whole), (1, 1, 1), "{said:?}");
     assert_eq!(said.last(), Some(&Progress::Finished));
-    found.discard().await.unwrap();
+
+    // What is cut while it is under way is called again.
+    doorway.close(&socket).await;
+    let into = tempfile::tempdir().unwrap();
+    let mut collecting = environment.collect(into.path());
+    let waiting = tokio::time::timeout(Duration::from_secs(1), &mut collecting).await;
+    assert!(waiting.is_err(), "neither collected nor an error: {waiting:?}");
+    let doorway = Doorway::open(&socket);
+    collecting.await.unwrap();
+    for window in ["window-1", "window-2"] {
+        assert!(into.path().join(window).join("window.json").exists());
+    }
+    assert!(environment.ended().await.unwrap().success);
+    environment.discard().await.unwrap();
+    assert_eq!(
+        left_of(&provider, &request.environment).await,
+        Vec::<String>::new()
+    );
     doorway.close(&socket).await;
 }
 

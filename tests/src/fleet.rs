@@ -1,6 +1,8 @@
 //! Machines of three architectures for one matrix: this one, and an aarch64 and an i686 over SSH, emulated and real down to
 //! their kernels. The main type is [`Fleet`].
 
+use std::thread;
+
 use crate::{AARCH64, Guest, I686};
 
 /// Two machines beside this one, until it is dropped.
@@ -13,16 +15,20 @@ pub struct Fleet {
 }
 
 impl Fleet {
-    /// Boots both.
+    /// Boots both, at once: much of a boot is done by one processor.
     ///
     /// # Panics
     /// As [`Guest::of`].
     #[must_use]
     pub fn boot() -> Self {
-        Self {
-            arm: Guest::of(AARCH64),
-            old: Guest::of(I686),
-        }
+        thread::scope(|scope| {
+            let arm = scope.spawn(|| Guest::of(AARCH64));
+            let old = Guest::of(I686);
+            Self {
+                arm: arm.join().expect("the aarch64 one boots"),
+                old,
+            }
+        })
     }
 
     /// The matrix over all three machines: natively, in Docker and in virtual machines. `workload` are further lines of

@@ -38,7 +38,7 @@ pub(crate) const KEEPER: &str = r#"{ "$@" </dev/null; kill -9 0; } & read -r end
 pub struct Model {
     /// Makes the image and prints its folder: a script of this repository, with its arguments.
     recipe: &'static [&'static str],
-    /// QEMU and what it is to emulate. `{image}` is the folder.
+    /// QEMU and what it is to emulate.
     qemu: &'static str,
     /// What the kernel is told.
     parameters: &'static str,
@@ -46,25 +46,31 @@ pub struct Model {
     ready: &'static [&'static str],
 }
 
-/// An x86_64 machine with systemd, Mininet, Open vSwitch and ROS. The disk is a temporary overlay that QEMU unlinks at once.
-/// An emulated processor leaks nothing to protect, and has no ATA and no KVM.
+/// An x86_64 machine with systemd, Mininet, Open vSwitch and ROS. An emulated processor leaks nothing to protect, and has no
+/// ATA and no KVM.
 pub const DEBIAN_12: Model = Model {
     recipe: &["vagrant/box/machine"],
-    qemu: "qemu-system-x86_64 -cpu max -drive file={image}/root.ext4,format=raw,if=virtio,snapshot=on,cache=unsafe",
+    qemu: "qemu-system-x86_64 -cpu max",
     parameters: "root=/dev/vda rw console=ttyS0 mitigations=off \
                  modprobe.blacklist=ata_piix,ata_generic,kvm_amd,kvm_intel",
     ready: &["systemctl", "is-system-running", "--wait"],
 };
 
-/// An aarch64 machine with an SSH server and little more.
+/// An aarch64 machine with an SSH server, a Docker Engine and little more.
 pub const AARCH64: Model = Model {
     recipe: &["tests/hosts/build", "aarch64"],
     qemu: "qemu-system-aarch64 -M virt -cpu cortex-a57",
     parameters: "console=ttyAMA0 rdinit=/init",
-    ready: &["echo", "running"],
+    ready: &[
+        "timeout",
+        "240",
+        "sh",
+        "-c",
+        "until docker version >/dev/null 2>&1; do sleep 0.2; done; echo running",
+    ],
 };
 
-/// The same of an i686.
+/// An i686 machine with an SSH server and little more.
 pub const I686: Model = Model {
     recipe: &["tests/hosts/build", "i686"],
     qemu: "qemu-system-x86_64 -cpu qemu32,+sse2",
@@ -430,13 +436,15 @@ impl Model {
         }
     }
 
-    /// QEMU and its arguments: those that every machine has, `more`, and `parameters` for the kernel beside its own.
+    /// QEMU and its arguments: those that every machine has, `more`, and `parameters` for the kernel beside its own. The disk
+    /// is a temporary overlay that QEMU unlinks at once.
     pub(crate) fn command(self, image: &Path, more: &[&str], parameters: &str) -> Vec<String> {
         let image = image.display().to_string();
         let common = [
-            &self.qemu.replace("{image}", &image),
+            self.qemu,
             "-nodefaults -no-user-config -display none -m 1024",
             &format!("-kernel {image}/vmlinuz -initrd {image}/initrd"),
+            &format!("-drive file={image}/root.ext4,format=raw,if=virtio,snapshot=on,cache=unsafe"),
         ];
         common
             .iter()

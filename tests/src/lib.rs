@@ -4,6 +4,7 @@
 //! kernel of its own.
 
 pub mod difference;
+pub mod engine;
 mod fleet;
 mod guest;
 pub mod killed;
@@ -63,12 +64,23 @@ pub const WHOLE_WINDOWS_COUNT: &str = "validity: {\
 pub struct Workplace {
     folder: TempDir,
     turn: Option<Turn>,
+    variables: Vec<(String, String)>,
 }
 
 /// A test that measures has the machine and its engine for itself: `matrix clean` of one would remove what another
 /// one killed on purpose.
 #[derive(Clone)]
 struct Turn(#[allow(dead_code, reason = "held, not used")] Arc<File>);
+
+/// Whether the folder of a window has all that was measured in it.
+#[must_use]
+pub fn is_whole(window: &Path) -> bool {
+    let Ok(record) = std::fs::read(window.join("window.json")) else {
+        return false;
+    };
+    let record: Value = serde_json::from_slice(&record).expect("a record is JSON");
+    record["complete"] == true && window.join("control.csv").exists()
+}
 
 /// What a command printed and how it ended.
 #[derive(Debug)]
@@ -88,6 +100,7 @@ impl Workplace {
         Self {
             folder: TempDir::with_prefix("matrix-test-").expect("a folder to work in"),
             turn: None,
+            variables: Vec::new(),
         }
     }
 
@@ -114,6 +127,11 @@ impl Workplace {
         }
     }
 
+    /// Has `matrix` see a variable of the environment.
+    pub fn set(&mut self, name: &str, value: &str) {
+        self.variables.push((name.to_owned(), value.to_owned()));
+    }
+
     /// The folder.
     #[must_use]
     pub fn path(&self) -> &Path {
@@ -134,6 +152,7 @@ impl Workplace {
             .stdin(Stdio::null());
         command.env("MATRIX_STATE_DIR", self.path().join("state"));
         command.env_remove("RUST_BACKTRACE");
+        command.envs(self.variables.iter().cloned());
         if self.turn.is_none() {
             command.env("MATRIX_LEASE", self.path().join("lease"));
         }
@@ -166,6 +185,23 @@ impl Workplace {
             .collect();
         assert_eq!(runs.len(), 1, "one run: {runs:?}");
         runs.remove(0)
+    }
+
+    /// Fails when a line of the workload is in the journal of the one run more than once. Those that say how it is resemble
+    /// each other, and are never there.
+    pub fn assert_lines_came_once(&self) {
+        let journal =
+            std::fs::read_to_string(self.run_directory().join("events.jsonl")).expect("there is a journal");
+        let events = journal
+            .lines()
+            .map(|line| serde_json::from_str::<Value>(line).expect("a journal's lines are JSON"));
+        let mut seen = Vec::new();
+        for event in events.filter(|event| event["event"] == "workload") {
+            let said = event["progress"].clone();
+            assert!(!seen.contains(&said), "{said} is there twice:\n{journal}");
+            seen.push(said);
+        }
+        assert!(!seen.is_empty(), "the workload says what it does:\n{journal}");
     }
 
     /// The folder of the one scenario that the one run has data of.

@@ -95,6 +95,17 @@ impl Sshd {
         format!("{}@127.0.0.1:{}", user(), self.port)
     }
 
+    /// How a matrix file says the way to it.
+    #[must_use]
+    pub fn connect(&self) -> String {
+        format!(
+            "{{ssh: \"{}\", identity: {}, known_hosts: {}}}",
+            self.address(),
+            self.identity().display(),
+            self.known_hosts().display()
+        )
+    }
+
     /// The private key that is let in.
     #[must_use]
     pub fn identity(&self) -> PathBuf {

@@ -22,12 +22,7 @@ impl There {
     /// The matrix file's words for reaching it.
     #[must_use]
     pub fn connect(&self) -> String {
-        format!(
-            "{{ssh: \"{}\", identity: {}, known_hosts: {}}}",
-            self.sshd.address(),
-            self.sshd.identity().display(),
-            self.sshd.known_hosts().display()
-        )
+        self.sshd.connect()
     }
 
     /// What is in its folder of environments.

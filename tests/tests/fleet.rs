@@ -2,6 +2,7 @@
 //! their kernels; natively, in Docker and in a virtual machine.
 
 use serde_json::Value;
+use sha2::{Digest as _, Sha256};
 use tests::{Fleet, WHOLE_WINDOWS_COUNT, Workplace, workloads_for};
 
 fn of<'a>(report: &'a Value, host: &str, virtualization: &str) -> &'a Value {
@@ -16,10 +17,18 @@ fn of<'a>(report: &'a Value, host: &str, virtualization: &str) -> &'a Value {
         .unwrap_or_else(|| panic!("{host} {virtualization} has a row: {report:#}"))
 }
 
+fn sha256(program: &[u8]) -> String {
+    Sha256::digest(program)
+        .iter()
+        .map(|byte| format!("{byte:02x}"))
+        .collect()
+}
+
 #[test]
 fn every_scenario_of_three_architectures_is_measured_or_infeasible_with_its_reason() {
     let workloads = workloads_for(&["i686", "aarch64"]);
-    let workplace = Workplace::measuring();
+    let mut workplace = Workplace::measuring();
+    workplace.set("MATRIX_WORKLOADS", &workloads.display().to_string());
     let fleet = Fleet::boot();
     let windows = "windows: 2\n  window: 4s\n  period: 1s\n  reference: {amplitude_m: 0.05}";
     workplace.write(
@@ -27,10 +36,7 @@ fn every_scenario_of_three_architectures_is_measured_or_infeasible_with_its_reas
         fleet.matrix(&format!("  {windows}\n  {WHOLE_WINDOWS_COUNT}\n")),
     );
     let mut command = workplace.matrix(["run", "m.yaml", "--json", "--quiet"]);
-    let output = command
-        .env("MATRIX_WORKLOADS", &workloads)
-        .output()
-        .expect("matrix starts");
+    let output = command.output().expect("matrix starts");
     let said = String::from_utf8_lossy(&output.stderr);
     assert_eq!(output.status.code(), Some(0), "{said}");
     let report: Value = serde_json::from_slice(&output.stdout).unwrap();
@@ -40,13 +46,13 @@ fn every_scenario_of_three_architectures_is_measured_or_infeasible_with_its_reas
         ("here", "docker"),
         ("here", "libvirt"),
         ("arm", "native"),
+        ("arm", "docker"),
         ("old", "native"),
     ] {
         let scenario = of(&report, host, virtualization);
         assert_eq!(scenario["outcome"], "completed", "{scenario:#}\n{said}");
     }
     for (host, virtualization, reason) in [
-        ("arm", "docker", "docker.sock"),
         ("arm", "libvirt", "Vagrant is not installed"),
         ("old", "docker", "docker.sock"),
         ("old", "libvirt", "Vagrant is not installed"),
@@ -60,6 +66,7 @@ fn every_scenario_of_three_architectures_is_measured_or_infeasible_with_its_reas
     }
     for (slug, machine) in [
         ("aarch64-debian-12-native", "aarch64"),
+        ("aarch64-debian-12-docker", "aarch64"),
         ("i686-debian-12-native", "i686"),
     ] {
         let path = workplace
@@ -73,9 +80,23 @@ fn every_scenario_of_three_architectures_is_measured_or_infeasible_with_its_reas
             environment["platform"]["workload_machine"], machine,
             "{environment:#}"
         );
+        let program = std::fs::read(workloads.join(machine).join("workload")).unwrap();
+        assert_eq!(
+            environment["facts"]["workload_sha256"],
+            sha256(&program),
+            "{environment:#}"
+        );
     }
 
-    assert_eq!(workplace.run(&["clean"]).code, Some(0));
+    let cleaned = workplace.run(&["clean"]);
+    assert_eq!(cleaned.code, Some(0), "{cleaned:?}");
+    for kind in [
+        ["docker", "ps", "--all", "--quiet"].as_slice(),
+        &["docker", "volume", "ls", "--quiet"],
+        &["docker", "images", "--quiet"],
+    ] {
+        assert_eq!(fleet.arm.expect(kind), "", "{kind:?}");
+    }
     for guest in [&fleet.arm, &fleet.old] {
         let left = guest.run(&["sh", "-c", "ls /root/.local/state/matrix/environments"]);
         assert_eq!((left.code, left.out.as_str()), (Some(0), ""), "{left:?}");

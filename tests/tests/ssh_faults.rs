@@ -1,26 +1,14 @@
 //! What may happen to a host over SSH while it is measured on: a real sshd, real disks, a real machine that reboots.
 
-use std::{
-    fs::File,
-    io::Write as _,
-    path::{Path, PathBuf},
-    process::Command,
-    time::Duration,
-};
+use std::{fs::File, io::Write as _, path::PathBuf, process::Command, time::Duration};
 
 use rstest::rstest;
-use serde_json::Value;
 use tests::{
-    Guest, There, WHOLE_WINDOWS_COUNT, Workplace,
+    Guest, There, WHOLE_WINDOWS_COUNT, Workplace, is_whole,
     killed::{go_on_whole, kill_at},
 };
 
 const WORKLOAD: &str = "  windows: 2\n  window: 3s\n  period: 1s\n  reference: {amplitude_m: 0.05}\n";
-
-fn is_whole(window: &Path) -> bool {
-    let record: Value = serde_json::from_slice(&std::fs::read(window.join("window.json")).unwrap()).unwrap();
-    record["complete"] == true && window.join("control.csv").exists()
-}
 
 fn both_are_whole(workplace: &Workplace) -> bool {
     let scenario = workplace.scenario_directory();
@@ -41,15 +29,7 @@ fn windows_are_whole_though_the_connection_is_cut_in_one() {
     assert_eq!(ran.code, Some(0), "{ran:?}");
     let scenario = workplace.scenario_directory();
     assert!((1..=2).all(|window| is_whole(&scenario.join(format!("window-{window}")))));
-    let journal = std::fs::read_to_string(workplace.run_directory().join("events.jsonl")).unwrap();
-    for said in [
-        r#""event":"network-up""#,
-        r#""event":"window-complete","window":1,"#,
-        r#""event":"window-complete","window":2,"#,
-    ] {
-        let lines = journal.lines().filter(|line| line.contains(said));
-        assert_eq!(lines.count(), 1, "{said}:\n{journal}");
-    }
+    workplace.assert_lines_came_once();
     assert_eq!(there.environments(), Vec::<String>::new());
 }
 

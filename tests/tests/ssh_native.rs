@@ -1,9 +1,9 @@
 //! A matrix of this machine and one behind SSH, a real sshd: a run, its report, and nothing left.
 
-use std::{fs::File, path::Path};
+use std::fs::File;
 
 use serde_json::Value;
-use tests::{Ran, There, Workplace};
+use tests::{Ran, There, Workplace, is_whole};
 
 const WORKLOAD: &str = "  windows: 2\n  window: 3s\n  period: 1s\n  reference: {amplitude_m: 0.05}\n";
 
@@ -14,11 +14,6 @@ fn two_hosts(there: &There) -> String {
          matrix:\n  virtualization: [native]\nworkload:\n{WORKLOAD}",
         there.connect()
     )
-}
-
-fn is_whole(window: &Path) -> bool {
-    let record: Value = serde_json::from_slice(&std::fs::read(window.join("window.json")).unwrap()).unwrap();
-    record["complete"] == true && window.join("control.csv").exists()
 }
 
 #[test]

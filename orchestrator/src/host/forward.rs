@@ -47,7 +47,7 @@ impl Forward {
         socket_in(self.folder.path())
     }
 
-    /// Why the last connection came to nothing, if one did: who connects sees only that it ended.
+    /// Why the last connection came to nothing, if it did: who connects sees only that it ended.
     #[must_use]
     pub fn take_failure(&self) -> Option<HostError> {
         self.failure.lock().unwrap_or_else(PoisonError::into_inner).take()
@@ -76,16 +76,19 @@ async fn accept(
         while connections.try_join_next().is_some() {}
         let (host, listener, failure) = (Arc::clone(&host), listener.clone(), Arc::clone(&failure));
         connections.spawn(async move {
-            if let Err(error) = pass(near, host.as_ref(), &listener).await {
-                *failure.lock().unwrap_or_else(PoisonError::into_inner) = Some(error);
+            let (far, outcome) = match host.connect(&listener).await {
+                Ok(far) => (Some(far), None),
+                Err(error) => (None, Some(error)),
+            };
+            *failure.lock().unwrap_or_else(PoisonError::into_inner) = outcome;
+            if let Some(far) = far {
+                pass(near, far).await;
             }
         });
     }
 }
 
-async fn pass(mut near: UnixStream, host: &dyn Host, listener: &Listener) -> Result<(), HostError> {
-    let mut far = host.connect(listener).await?;
-    // Both ends see for themselves when the other has ended.
+/// Both ends see for themselves when the other has ended.
+async fn pass(mut near: UnixStream, mut far: UnixStream) {
     let _ = copy_bidirectional(&mut near, &mut far).await;
-    Ok(())
 }

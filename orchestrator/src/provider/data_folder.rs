@@ -162,6 +162,15 @@ pub(super) fn length(path: &Path) -> Result<u64, ProviderError> {
     }
 }
 
+/// Makes a folder empty, whose files are all a data folder's.
+pub(super) fn clear(folder: &Path) -> Result<(), ProviderError> {
+    for path in files_below(folder, Path::new(""))? {
+        let path = folder.join(path);
+        fs::remove_file(&path).map_err(|source| file_error("replace", &path, source))?;
+    }
+    Ok(())
+}
+
 /// Regular files, two levels deep, relative to `root`.
 pub(super) fn files_below(root: &Path, folder: &Path) -> Result<Vec<PathBuf>, ProviderError> {
     let here = root.join(folder);

@@ -7,7 +7,6 @@
 //! ```
 
 mod environment;
-mod patience;
 mod transfer;
 
 use std::{sync::Arc, time::Duration};

@@ -35,14 +35,14 @@ use tokio::sync::OnceCell;
 use workload::settings::Need;
 
 use self::{
-    engine::{Engine, if_there, is_missing, translate},
+    engine::{Engine, Way, if_there, is_missing, translate},
     environment::{DockerEnvironment, Remains},
     follow::Follower,
     image::Image,
     labels::Labels,
 };
 use super::{Availability, Environment, EnvironmentRequest, Leftover, Provider, ProviderError, trial};
-use crate::host::{Forward, Host, Listener, Program};
+use crate::host::{Host, Program};
 
 pub use settings::DockerSettings;
 
@@ -57,22 +57,7 @@ pub struct Docker {
     way: Way,
     settings: DockerSettings,
     /// Connected to when it is needed first.
-    engine: OnceCell<Connected>,
-}
-
-/// How its engine is reached.
-enum Way {
-    /// At an address such as `unix:///var/run/docker.sock`.
-    Address(String),
-    /// By its usual socket on another machine.
-    Forwarded(Arc<dyn Host>),
-}
-
-/// An engine that answers.
-struct Connected {
-    engine: Engine,
-    /// The socket here that leads there, as long as it is needed.
-    _forward: Option<Forward>,
+    engine: OnceCell<Engine>,
 }
 
 impl Docker {
@@ -108,35 +93,7 @@ impl Docker {
     }
 
     async fn engine(&self) -> Result<&Engine, ProviderError> {
-        let connected = self.engine.get_or_try_init(|| self.connect()).await?;
-        Ok(&connected.engine)
-    }
-
-    async fn connect(&self) -> Result<Connected, ProviderError> {
-        match &self.way {
-            Way::Address(address) => Ok(Connected {
-                engine: Engine::connect(address).await?,
-                _forward: None,
-            }),
-            Way::Forwarded(host) => {
-                let listener = Listener::Unix(engine::SOCKET.into());
-                let forward =
-                    Forward::open(Arc::clone(host), listener).map_err(|source| ProviderError::Refused {
-                        platform: "this machine".to_owned(),
-                        action: "making a socket".to_owned(),
-                        hint: None,
-                        source: source.into(),
-                    })?;
-                match Engine::connect(&format!("unix://{}", forward.socket().display())).await {
-                    Ok(engine) => Ok(Connected {
-                        engine: engine.elsewhere(),
-                        _forward: Some(forward),
-                    }),
-                    // Who connects to a socket of ours sees only that it was closed.
-                    Err(error) => Err(forward.take_failure().map_or(error, Into::into)),
-                }
-            }
-        }
+        self.engine.get_or_try_init(|| Engine::connect(&self.way)).await
     }
 
     fn resource(&self, kind: &str, name: &str) -> Resource {
@@ -167,7 +124,7 @@ impl Docker {
             "image": image.name,
             "image_id": image.id,
             "image_base": image.base.as_ref().map(|(name, id)| json!({"name": name, "id": id})),
-            "workload_sha256": crate::workload_binary::sha256(),
+            "workload_sha256": image.workload_sha256,
             "limits": self.settings,
             "engine_warnings": warnings,
         });
@@ -195,25 +152,26 @@ impl Docker {
     ) -> Result<Option<Box<dyn Environment>>, ProviderError> {
         let name = &request.environment;
         let volume = if_there("looking for the volume", engine.api.inspect_volume(name).await)?;
-        if volume.is_none_or(|volume| !Labels::read(Some(volume.labels)).name_environment(name)) {
+        let labels = Labels::read(volume.map(|volume| volume.labels));
+        if !labels.name_environment(name) {
             return Ok(None);
         }
-        let image = image::ensure(engine, self.settings.image.as_deref()).await?;
+        let image = Image {
+            // Not necessarily the one that is used to read it.
+            workload_sha256: labels.workload(),
+            ..image::ensure(engine, self.settings.image.as_deref()).await?
+        };
         let reader = format!("{name}-reader");
         if Self::inspect(engine, &reader).await?.is_none() {
             let options = CreateContainerOptionsBuilder::default().name(&reader).build();
             engine
                 .api
-                .create_container(Some(options), container::reader(request, &image.name))
+                .create_container(Some(options), container::reader(request, &image))
                 .await
                 .map_err(|error| translate("creating a container to read the volume", error))?;
         }
         let lines = archive::progress(engine, &reader).await?.into();
-        let remains = Remains::Volume {
-            reader,
-            lines,
-            last: None,
-        };
+        let remains = Remains::Volume { reader, lines };
         let facts = self.facts(engine, &image, &[]);
         Ok(Some(Box::new(DockerEnvironment::new(
             engine.clone(),
@@ -236,19 +194,18 @@ impl Provider for Docker {
             if let Some(image) = &self.settings.image {
                 image::base_id(engine, image).await?;
             }
-            Ok(engine.judge())
+            engine.judge()
         };
         surveyed.await.unwrap_or_else(Availability::prevented_by)
     }
 
-    /// The image that is built in has the workload and nothing else. What one that the user names has is asked of the
-    /// workload in a container of it, which takes a second; so not where the workload alone is enough.
+    /// The image that is built in has the workload and nothing else. What one that the user names has, and what the kernel
+    /// of an engine elsewhere has, is asked of the workload in a container, which takes a second or more; so not where the
+    /// workload alone is enough and its devices were looked at.
     async fn survey_need(&self, need: &Need) -> Option<Availability> {
         let programs = need.programs();
-        if programs.is_empty() {
-            return None;
-        }
-        let Some(image) = &self.settings.image else {
+        let image = self.settings.image.as_deref();
+        if image.is_none() && !programs.is_empty() {
             return Some(Availability::Unavailable {
                 reason: format!(
                     "`{need}` needs {}, which the built-in image has not got",
@@ -259,15 +216,18 @@ impl Provider for Docker {
                         .to_owned(),
                 ),
             });
-        };
+        }
         let asked = async {
             let engine = self.engine().await?;
-            check::check(engine, image, need, &self.settings).await
+            if programs.is_empty() && engine.is_here {
+                return Ok(None);
+            }
+            let record = check::check(engine, image, need, &self.settings).await?;
+            Ok(Some(trial::availability(&record)))
         };
-        Some(match asked.await {
-            Ok(record) => trial::availability(&record),
-            Err(error) => Availability::prevented_by(error),
-        })
+        asked
+            .await
+            .unwrap_or_else(|error| Some(Availability::prevented_by(error)))
     }
 
     fn resources(&self, request: &EnvironmentRequest) -> Vec<Resource> {
@@ -285,7 +245,7 @@ impl Provider for Docker {
             .api
             .create_container(
                 Some(options),
-                container::workload(request, &self.settings, &image.name),
+                container::workload(request, &self.settings, &image),
             )
             .await
             .map_err(|error| translate(&format!("creating the container {name}"), error))?;
@@ -317,13 +277,15 @@ impl Provider for Docker {
             return self.find_volume(engine, request).await;
         };
         let config = found.config.unwrap_or_default();
-        if !Labels::read(config.labels).name_environment(name) {
+        let labels = Labels::read(config.labels);
+        if !labels.name_environment(name) {
             return Ok(None);
         }
         let image = Image {
             name: config.image.unwrap_or_default(),
             id: found.image.unwrap_or_default(),
             base: None,
+            workload_sha256: labels.workload(),
         };
         let remains = Remains::Container {
             running: found.state.and_then(|state| state.running) == Some(true),

@@ -10,8 +10,9 @@ use workload::{
 
 use super::{Availability, ProviderError};
 
-/// It makes some namespaces and devices and starts what it needs for a moment: milliseconds, seconds on a slow machine.
-pub const PATIENCE: Duration = Duration::from_secs(20);
+/// It makes some namespaces and devices and starts what it needs for a moment: milliseconds. An engine on an emulated
+/// processor took 26 s to make the container for it, while others used that processor, too.
+pub const PATIENCE: Duration = Duration::from_secs(120);
 /// What is being done, for errors.
 pub const ACTION: &str = "asking the workload whether it can run";
 

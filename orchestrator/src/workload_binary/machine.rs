@@ -113,7 +113,7 @@ impl FromStr for Machine {
     fn from_str(text: &str) -> Result<Self, UnknownMachine> {
         match text {
             "x86_64" | "amd64" => Ok(Self::X86_64),
-            "i686" | "i586" | "i386" => Ok(Self::I686),
+            "i686" | "i586" | "i386" | "386" => Ok(Self::I686),
             "aarch64" | "arm64" => Ok(Self::Aarch64),
             _ => Err(UnknownMachine(text.to_owned())),
         }
@@ -201,6 +201,7 @@ mod tests {
     #[case("amd64", Machine::X86_64)]
     #[case("i686", Machine::I686)]
     #[case("i386", Machine::I686)]
+    #[case("386", Machine::I686)]
     #[case("aarch64", Machine::Aarch64)]
     #[case("arm64", Machine::Aarch64)]
     fn a_machine_is_known_by_the_names_that_systems_give_it(#[case] name: &str, #[case] machine: Machine) {

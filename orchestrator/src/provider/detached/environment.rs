@@ -7,14 +7,14 @@ use serde_json::{Map, Value};
 use tokio::{io::AsyncReadExt as _, net::UnixStream, task::JoinHandle, time::Instant};
 use workload::record::{detached, progress::Progress};
 
-use super::{
-    Keeper,
-    patience::{Patience, patiently},
-    transfer,
-};
+use super::{Keeper, transfer};
 use crate::{
     host::{Exit, HostError},
-    provider::{Ended, Environment, ProviderError, lines::Lines},
+    provider::{
+        Ended, Environment, ProviderError,
+        lines::Lines,
+        patience::{Patience, patiently},
+    },
 };
 
 const FOLLOWING: &str = "following the workload's lines";

@@ -14,10 +14,11 @@ use lz4_flex::frame::FrameDecoder;
 use tokio::io::AsyncWriteExt as _;
 use workload::record::detached::{AlreadyThere, is_sent_whole};
 
-use super::{Keeper, json, patience::Patience};
+use super::{Keeper, json};
 use crate::provider::{
     ProviderError,
     data_folder::{self, DataFile},
+    patience::Patience,
 };
 
 const ACTION: &str = "collecting the data";

@@ -20,12 +20,14 @@ use crate::provider::{ProviderError, data_folder, lines::Lines};
 
 const ACTION: &str = "copying the data out of the container";
 
-/// Copies the container's data folder into an empty folder.
+/// Copies the container's data folder into a folder, in place of what an earlier try has brought. An engine hands files out
+/// whole, so that what was cut is brought anew.
 ///
 /// # Errors
 /// When the engine stops answering, or the data is not a workload's; what arrived stays.
 pub async fn collect(engine: &Engine, container: &str, into: &Path) -> Result<(), ProviderError> {
     let into: PathBuf = into.to_owned();
+    data_folder::clear(&into)?;
     download(engine, container, DATA, move |stream| {
         data_folder::unpack(stream, DATA.trim_start_matches('/'), &into)
     })

@@ -1,5 +1,5 @@
-//! Whether an image that the user names has what a need demands, by asking the workload in a container of it. The
-//! function is [`check`].
+//! Whether containers meet a need, by asking the workload in one: what the user's image has, and what an engine elsewhere
+//! has, whose devices cannot be looked at from here. The function is [`check`].
 
 use std::{
     process,
@@ -29,15 +29,16 @@ use crate::provider::{
     trial::{self, ACTION, PATIENCE},
 };
 
-/// Asks the workload in a container of the image, with the rights and limits of one that measures, and removes the
-/// container. The image stays as it is, and none is built. Who is killed meanwhile leaves a container that
-/// `matrix clean` finds.
+/// Asks the workload in a container, with the rights and limits of one that measures, and removes the container. The image
+/// that the user names stays as it is, and none is built upon it; without one it is our own, which is built if need be, as
+/// a host over SSH is given the workload before it can be asked. Who is killed meanwhile leaves a container that `matrix
+/// clean` finds.
 ///
 /// # Errors
 /// When the engine refuses, or the workload does not answer in time and as agreed.
 pub async fn check(
     engine: &Engine,
-    image: &str,
+    image: Option<&str>,
     need: &Need,
     settings: &DockerSettings,
 ) -> Result<CheckRecord, ProviderError> {
@@ -45,13 +46,24 @@ pub async fn check(
     let number = NUMBER.fetch_add(1, Ordering::Relaxed);
     let name = format!("matrix-check-{}-{number}", process::id());
     let failed = |error| translate(ACTION, error);
+    let own = match image {
+        Some(_) => None,
+        None => Some(image::ensure(engine, None).await?.name),
+    };
+    let image = image.or(own.as_deref()).unwrap_or_default();
     let options = CreateContainerOptionsBuilder::default().name(&name).build();
     engine
         .api
         .create_container(Some(options), container::check(need, settings, image))
         .await
         .map_err(failed)?;
-    let asked = tokio::time::timeout(PATIENCE, ask(engine, &name)).await;
+    let asked = async {
+        if own.is_none() {
+            put_workload(engine, &name).await?;
+        }
+        ask(engine, &name).await
+    };
+    let asked = tokio::time::timeout(PATIENCE, asked).await;
     remove_container(engine, &name).await?;
     asked.map_err(|_| ProviderError::TimedOut {
         action: ACTION.to_owned(),
@@ -59,16 +71,19 @@ pub async fn check(
     })?
 }
 
-/// Puts the workload into the container, runs it to its end and reads what it printed.
-async fn ask(engine: &Engine, name: &str) -> Result<CheckRecord, ProviderError> {
-    let failed = |error| translate(ACTION, error);
-    let workload = image::archive(ACTION, &[image::workload()])?;
+async fn put_workload(engine: &Engine, name: &str) -> Result<(), ProviderError> {
+    let workload = image::archive(ACTION, &[image::file_of(engine.workload()?)])?;
     let options = UploadToContainerOptionsBuilder::default().path("/").build();
     engine
         .api
         .upload_to_container(name, Some(options), body_full(workload.into()))
         .await
-        .map_err(failed)?;
+        .map_err(|error| translate(ACTION, error))
+}
+
+/// Runs the container to its end and reads what it printed.
+async fn ask(engine: &Engine, name: &str) -> Result<CheckRecord, ProviderError> {
+    let failed = |error| translate(ACTION, error);
     engine
         .api
         .start_container(name, None::<StartContainerOptions>)

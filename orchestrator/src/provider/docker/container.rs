@@ -11,7 +11,7 @@ use bollard::models::{
     ContainerCreateBody, DeviceMapping, HostConfig, HostConfigLogConfig, Mount, MountType, MountVolumeOptions,
 };
 
-use super::{labels::Labels, settings::DockerSettings};
+use super::{image::Image, labels::Labels, settings::DockerSettings};
 use crate::provider::{EnvironmentRequest, trial};
 
 /// Where the volume is in the container.
@@ -30,7 +30,11 @@ const CAPABILITIES: [&str; 5] = [
 
 /// The container in which the workload runs.
 #[must_use]
-pub fn workload(request: &EnvironmentRequest, settings: &DockerSettings, image: &str) -> ContainerCreateBody {
+pub fn workload(
+    request: &EnvironmentRequest,
+    settings: &DockerSettings,
+    image: &Image,
+) -> ContainerCreateBody {
     let arguments = request
         .arguments(Path::new(DATA))
         .into_iter()
@@ -39,15 +43,15 @@ pub fn workload(request: &EnvironmentRequest, settings: &DockerSettings, image: 
     ContainerCreateBody {
         host_config: Some(HostConfig {
             readonly_rootfs: Some(true),
-            mounts: Some(vec![volume(request)]),
+            mounts: Some(vec![volume(request, image)]),
             ..rights_and_limits(settings)
         }),
-        ..running(arguments, &Labels::of_environment(request), image)
+        ..running(arguments, &Labels::of_environment(request), &image.name)
     }
 }
 
-/// A container upon the user's own image, in which the workload says whether a need is met. The workload has to be
-/// copied into it before it is started.
+/// A container in which the workload says whether a need is met: of an image of ours or, where the workload is copied into
+/// it before it is started, of the user's own.
 #[must_use]
 pub fn check(need: &Need, settings: &DockerSettings, image: &str) -> ContainerCreateBody {
     ContainerCreateBody {
@@ -102,13 +106,13 @@ fn rights_and_limits(settings: &DockerSettings) -> HostConfig {
 
 /// A container that is never started: through it the engine hands out a volume whose container is gone.
 #[must_use]
-pub fn reader(request: &EnvironmentRequest, image: &str) -> ContainerCreateBody {
+pub fn reader(request: &EnvironmentRequest, image: &Image) -> ContainerCreateBody {
     ContainerCreateBody {
-        image: Some(image.to_owned()),
+        image: Some(image.name.clone()),
         labels: Some(Labels::of_environment(request).write()),
         host_config: Some(HostConfig {
             network_mode: Some("none".to_owned()),
-            mounts: Some(vec![volume(request)]),
+            mounts: Some(vec![volume(request, image)]),
             ..HostConfig::default()
         }),
         ..ContainerCreateBody::default()
@@ -116,14 +120,15 @@ pub fn reader(request: &EnvironmentRequest, image: &str) -> ContainerCreateBody 
 }
 
 /// The volume, which the engine makes with the container. It outlives it until it is collected.
-fn volume(request: &EnvironmentRequest) -> Mount {
+fn volume(request: &EnvironmentRequest, image: &Image) -> Mount {
+    let sha256 = image.workload_sha256.as_deref().unwrap_or_default();
     Mount {
         typ: Some(MountType::VOLUME),
         source: Some(request.environment.clone()),
         target: Some(DATA.to_owned()),
         volume_options: Some(MountVolumeOptions {
             no_copy: Some(true),
-            labels: Some(Labels::of_environment(request).write()),
+            labels: Some(Labels::of_environment(request).with_workload(sha256).write()),
             ..MountVolumeOptions::default()
         }),
         ..Mount::default()
@@ -168,9 +173,18 @@ mod tests {
         }
     }
 
+    fn image() -> Image {
+        Image {
+            name: "i".to_owned(),
+            id: "sha256:1".to_owned(),
+            base: None,
+            workload_sha256: Some("abc".to_owned()),
+        }
+    }
+
     #[test]
     fn a_container_has_no_rights_beyond_those_that_are_listed() {
-        let host = workload(&request(), &DockerSettings::default(), "i")
+        let host = workload(&request(), &DockerSettings::default(), &image())
             .host_config
             .unwrap();
         assert_eq!(host.cap_drop.unwrap(), ["ALL"]);
@@ -190,7 +204,7 @@ mod tests {
             memory: Some(Bytes::new(512 << 20)),
             ..DockerSettings::default()
         };
-        let mut measuring = workload(&request(), &settings, "i").host_config.unwrap();
+        let mut measuring = workload(&request(), &settings, &image()).host_config.unwrap();
         let check = check(&Need::of(&Settings::default()), &settings, "i");
         assert_eq!(measuring.mounts.take().map(|mounts| mounts.len()), Some(1));
         assert_eq!(measuring.readonly_rootfs.take(), Some(true));
@@ -208,7 +222,7 @@ mod tests {
             realtime_runtime: Some(TimeSpan::from_millis(900)),
             ..DockerSettings::default()
         };
-        let host = workload(&request(), &settings, "i").host_config.unwrap();
+        let host = workload(&request(), &settings, &image()).host_config.unwrap();
         assert_eq!(host.nano_cpus, Some(1_500_000_000));
         assert_eq!(host.cpuset_cpus.as_deref(), Some("0-1"));
         assert_eq!(
@@ -221,7 +235,7 @@ mod tests {
 
     #[test]
     fn the_workload_is_the_main_process_with_its_data_on_the_volume() {
-        let body = workload(&request(), &DockerSettings::default(), "i");
+        let body = workload(&request(), &DockerSettings::default(), &image());
         let arguments = body.cmd.unwrap();
         assert_eq!(arguments.first().unwrap(), "run");
         for pair in [
@@ -235,6 +249,12 @@ mod tests {
         assert_eq!(
             (mount.source.unwrap().as_str(), mount.target.unwrap().as_str()),
             ("matrix-r1-a-1", DATA)
+        );
+        let labels = Labels::read(mount.volume_options.unwrap().labels);
+        assert_eq!(
+            labels.workload().as_deref(),
+            Some("abc"),
+            "which workload wrote it"
         );
     }
 }

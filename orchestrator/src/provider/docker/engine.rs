@@ -2,15 +2,23 @@
 //! bollard, whose errors become ours here.
 
 use std::{
-    env, io,
+    borrow::Cow,
+    env, fmt,
+    future::Future,
+    io,
     path::{Path, PathBuf},
+    sync::{Arc, OnceLock},
 };
 
 use bollard::{Docker as Api, errors::Error};
 
 use crate::{
-    provider::{Availability, ProviderError},
-    workload_binary,
+    host::{Forward, Host, Listener},
+    provider::{
+        Availability, ProviderError,
+        patience::{self, Patience},
+    },
+    workload_binary::{self, machine::Machine},
 };
 
 /// The oldest API that this was tried with: Engine 20.10.
@@ -19,8 +27,16 @@ const TUN: &str = "/dev/net/tun";
 /// Where an engine listens unless it is told otherwise.
 pub const SOCKET: &str = "/var/run/docker.sock";
 
+/// How an engine is reached.
+pub enum Way {
+    /// At an address such as `unix:///var/run/docker.sock`.
+    Address(String),
+    /// By its usual socket on another machine.
+    Forwarded(Arc<dyn Host>),
+}
+
 /// An engine that answers.
-#[derive(Debug, Clone)]
+#[derive(Clone)]
 pub struct Engine {
     /// bollard's handle, with the version of the API negotiated.
     pub api: Api,
@@ -34,21 +50,63 @@ pub struct Engine {
     pub architecture: String,
     /// Its kernel.
     pub kernel: String,
+    /// The machine of its kernel, as `uname -m` says it.
+    pub kernel_machine: String,
     /// Whether it is on this machine, whose devices are then its own.
     pub is_here: bool,
+    /// The socket here that leads there, as long as anybody needs it.
+    forward: Option<Arc<Forward>>,
+    /// Looked for when it is needed first.
+    workload: Arc<OnceLock<Workload>>,
+}
+
+/// The workload for an engine's machine.
+pub struct Workload {
+    /// The program.
+    pub binary: Cow<'static, [u8]>,
+    /// Its SHA-256, in hexadecimal.
+    pub sha256: String,
+}
+
+impl Workload {
+    /// This one.
+    #[must_use]
+    pub fn new(binary: Cow<'static, [u8]>) -> Self {
+        let sha256 = workload_binary::hash_of(&binary);
+        Self { binary, sha256 }
+    }
+}
+
+impl fmt::Debug for Engine {
+    fn fmt(&self, formatter: &mut fmt::Formatter<'_>) -> fmt::Result {
+        formatter
+            .debug_struct("Engine")
+            .field("api", &self.api)
+            .field("version", &self.version)
+            .finish_non_exhaustive()
+    }
 }
 
 impl Engine {
-    /// Connects to the engine at an address such as `unix:///var/run/docker.sock`.
+    /// Connects to the engine that is there.
     ///
     /// # Errors
     /// When none answers.
-    pub async fn connect(address: &str) -> Result<Self, ProviderError> {
+    pub async fn connect(way: &Way) -> Result<Self, ProviderError> {
+        match way {
+            Way::Address(address) => Self::at(address).await,
+            Way::Forwarded(host) => Self::on(host).await,
+        }
+    }
+
+    async fn at(address: &str) -> Result<Self, ProviderError> {
         let unreachable = |error| unreachable(address, error);
         let api = Api::connect_with_host(address).map_err(unreachable)?;
-        // An engine takes some milliseconds to say its version, since it asks its parts for theirs.
-        let (version, api) = tokio::join!(api.version(), api.clone().negotiate_version());
-        let (version, api) = (version.map_err(unreachable)?, api.map_err(unreachable)?);
+        // An engine takes some milliseconds to say what it is, since it asks its parts.
+        let (version, info, api) = tokio::join!(api.version(), api.info(), api.clone().negotiate_version());
+        let version = version.map_err(unreachable)?;
+        let info = info.map_err(unreachable)?;
+        let api = api.map_err(unreachable)?;
         Ok(Self {
             api,
             version: version.version.unwrap_or_default(),
@@ -56,27 +114,72 @@ impl Engine {
             os: version.os.unwrap_or_default(),
             architecture: version.arch.unwrap_or_default(),
             kernel: version.kernel_version.unwrap_or_default(),
+            kernel_machine: info.architecture.unwrap_or_default(),
             is_here: address.starts_with("unix://"),
+            forward: None,
+            workload: Arc::default(),
         })
     }
 
-    /// The same, on another machine, whatever its address looks like.
-    #[must_use]
-    pub fn elsewhere(self) -> Self {
-        Self {
-            is_here: false,
-            ..self
+    async fn on(host: &Arc<dyn Host>) -> Result<Self, ProviderError> {
+        let listener = Listener::Unix(SOCKET.into());
+        let forward = Forward::open(Arc::clone(host), listener).map_err(|source| ProviderError::Refused {
+            platform: "this machine".to_owned(),
+            action: "making a socket".to_owned(),
+            hint: None,
+            source: source.into(),
+        })?;
+        match Self::at(&format!("unix://{}", forward.socket().display())).await {
+            Ok(engine) => Ok(Self {
+                is_here: false,
+                forward: Some(Arc::new(forward)),
+                ..engine
+            }),
+            // Who connects to a socket of ours sees only that it was closed.
+            Err(error) => Err(forward.take_failure().map_or(error, Into::into)),
+        }
+    }
+
+    /// Calls again what a lost connection cut, which must be as good as calling it once.
+    ///
+    /// # Errors
+    /// What the last call ended with.
+    pub async fn patiently<T, F>(&self, call: impl Fn() -> F) -> Result<T, ProviderError>
+    where
+        F: Future<Output = Result<T, ProviderError>>,
+    {
+        patience::patiently(call)
+            .await
+            .map_err(|error| self.explained(error))
+    }
+
+    /// Takes notice of an error that a lost connection may have brought.
+    ///
+    /// # Errors
+    /// The same, when trying again does not help or was tried for long enough.
+    pub fn bear(&self, patience: &mut Patience, error: ProviderError) -> Result<(), ProviderError> {
+        patience.bear(error).map_err(|error| self.explained(error))
+    }
+
+    /// Why the way to it is closed, where we know more than that it is.
+    fn explained(&self, error: ProviderError) -> ProviderError {
+        match &self.forward {
+            Some(forward) if error.is_passing() => forward.take_failure().map_or(error, Into::into),
+            _ => error,
         }
     }
 
     /// Whether it can run our workload.
-    #[must_use]
-    pub fn judge(&self) -> Availability {
-        let unavailable = |reason, fix: &str| Availability::Unavailable {
-            reason,
-            fix: Some(fix.to_owned()),
+    ///
+    /// # Errors
+    /// Why there is none for it.
+    pub fn judge(&self) -> Result<Availability, ProviderError> {
+        let unavailable = |reason, fix: &str| {
+            Ok(Availability::Unavailable {
+                reason,
+                fix: Some(fix.to_owned()),
+            })
         };
-        let wanted = machine_in_go(workload_binary::MACHINE);
         if parse_api(&self.api_version).is_none_or(|version| version < OLDEST_API) {
             unavailable(
                 format!(
@@ -95,29 +198,55 @@ impl Engine {
                 format!("the kernel of Docker Engine {} has no {TUN}", self.version),
                 "load its TUN driver: `sudo modprobe tun`",
             )
-        } else if self.architecture != wanted {
-            unavailable(
-                format!(
-                    "Docker Engine {} is of {}, the workload of {wanted}",
-                    self.version, self.architecture
-                ),
-                "use an engine of this machine's architecture",
-            )
         } else {
-            Availability::Available {
+            self.workload()?;
+            Ok(Availability::Available {
                 detail: format!("Docker Engine {} (API {})", self.version, self.api_version),
-            }
+            })
         }
     }
-}
 
-/// The word that Go, and so Docker, has for a machine.
-fn machine_in_go(machine: &str) -> &str {
-    match machine {
-        "x86_64" => "amd64",
-        "aarch64" => "arm64",
-        "i686" => "386",
-        other => other,
+    /// The workload for its machine.
+    ///
+    /// # Errors
+    /// When there is none.
+    pub fn workload(&self) -> Result<&Workload, ProviderError> {
+        if let Some(workload) = self.workload.get() {
+            return Ok(workload);
+        }
+        let binary = self
+            .machine()?
+            .workload()
+            .map_err(|none| self.unsupported(&none.to_string(), Some(none.hint())))?;
+        // Another task may have been faster, with the same.
+        Ok(self.workload.get_or_init(|| Workload::new(binary)))
+    }
+
+    /// The machine that it runs programs of. An engine of another than its kernel's would run them as that of its own, which
+    /// is none that the results could be told to be of.
+    fn machine(&self) -> Result<Machine, ProviderError> {
+        let machine: Machine = self
+            .architecture
+            .parse()
+            .map_err(|unknown| self.unsupported(&format!("{unknown}"), None))?;
+        if self.kernel_machine.parse() == Ok(machine) {
+            return Ok(machine);
+        }
+        Err(self.unsupported(
+            &format!(
+                "it is a program for {machine} on a kernel for {}",
+                self.kernel_machine
+            ),
+            Some(format!("install Docker Engine for {} there", self.kernel_machine)),
+        ))
+    }
+
+    fn unsupported(&self, why: &str, hint: Option<String>) -> ProviderError {
+        ProviderError::Unsupported {
+            provider: format!("Docker Engine {}", self.version),
+            reason: why.to_owned(),
+            hint,
+        }
     }
 }
 
@@ -166,13 +295,17 @@ fn how_to_reach(address: &str, error: &Error) -> String {
         Some(io::ErrorKind::ConnectionRefused) => {
             "the engine has ended: start it, for instance with `sudo systemctl start docker`".to_owned()
         }
-        _ => {
-            "install Docker Engine (on Debian and Ubuntu `sudo apt-get install docker.io`) and start it, for \
-              instance with `sudo systemctl start docker`"
-                .to_owned()
-        }
+        Some(io::ErrorKind::NotFound) => INSTALL.to_owned(),
+        _ if matches!(error, Error::SocketNotFoundError(_)) => INSTALL.to_owned(),
+        // Something listens there.
+        _ => "the engine is there and does not answer as it should: see what keeps it busy, or restart it, for instance \
+              with `sudo systemctl restart docker`"
+            .to_owned(),
     }
 }
+
+const INSTALL: &str = "install Docker Engine (on Debian and Ubuntu `sudo apt-get install docker.io`) and start it, for \
+                       instance with `sudo systemctl start docker`";
 
 /// The operating system's error among the causes.
 fn io_error(error: &Error) -> Option<io::ErrorKind> {
@@ -297,6 +430,10 @@ mod tests {
         let error = Api::connect_with_host(&address).unwrap_err();
         assert!(how_to_reach(&address, &error).starts_with("install Docker Engine"));
 
+        // One that listens and does not answer is installed.
+        let silent = how_to_reach(&address, &Error::RequestTimeoutError);
+        assert!(silent.contains("does not answer"), "{silent}");
+
         // A socket nobody listens on, as an engine leaves it that was killed.
         drop(std::os::unix::net::UnixListener::bind(nowhere.path().join("docker.sock")).unwrap());
         let api = Api::connect_with_host(&address).unwrap();
@@ -307,7 +444,7 @@ mod tests {
         );
     }
 
-    fn engine(api: &str, os: &str, architecture: &str) -> Engine {
+    fn engine(api: &str, os: &str, architecture: &str, kernel_machine: &str) -> Engine {
         Engine {
             api: Api::connect_with_http("http://127.0.0.1:1", 1, bollard::API_DEFAULT_VERSION).unwrap(),
             version: "20.10.24".to_owned(),
@@ -315,26 +452,59 @@ mod tests {
             os: os.to_owned(),
             architecture: architecture.to_owned(),
             kernel: String::new(),
+            kernel_machine: kernel_machine.to_owned(),
             is_here: false,
+            forward: None,
+            workload: Arc::default(),
+        }
+    }
+
+    /// In Go's words, and the kernel's.
+    const OURS: (&str, &str) = if cfg!(target_arch = "x86_64") {
+        ("amd64", "x86_64")
+    } else {
+        ("arm64", "aarch64")
+    };
+
+    #[test]
+    fn an_engine_that_cannot_run_the_workload_is_unavailable() {
+        let (go, kernel) = OURS;
+        let able = engine("1.41", "linux", go, kernel);
+        assert!(matches!(able.judge(), Ok(Availability::Available { .. })));
+        assert_eq!(able.workload().unwrap().sha256, workload_binary::sha256());
+        for (engine, why, has_fix) in [
+            (engine("1.40", "linux", go, kernel), "too old", true),
+            (engine("1.41", "windows", go, kernel), "windows containers", true),
+            (engine("1.41", "linux", "s390x", "s390x"), "s390x", false),
+            (
+                engine("1.41", "linux", "386", kernel),
+                "a program for i686 on a kernel for",
+                true,
+            ),
+            (
+                engine("1.41", "linux", go, "riscv64"),
+                "on a kernel for riscv64",
+                true,
+            ),
+        ] {
+            let Availability::Unavailable { reason, fix } =
+                engine.judge().unwrap_or_else(Availability::prevented_by)
+            else {
+                panic!("available: {why}");
+            };
+            assert!(reason.contains(why), "{reason}");
+            assert_eq!(fix.is_some(), has_fix, "{reason}");
         }
     }
 
     #[test]
-    fn an_engine_that_cannot_run_the_workload_is_unavailable() {
-        let here = machine_in_go(workload_binary::MACHINE);
-        assert!(matches!(
-            engine("1.41", "linux", here).judge(),
-            Availability::Available { .. }
-        ));
-        for (engine, why) in [
-            (engine("1.40", "linux", here), "too old"),
-            (engine("1.41", "windows", here), "windows containers"),
-            (engine("1.41", "linux", "s390x"), "s390x"),
-        ] {
-            let Availability::Unavailable { reason, fix } = engine.judge() else {
-                panic!("available: {why}");
-            };
-            assert!(reason.contains(why) && fix.is_some(), "{reason}");
-        }
+    fn an_engine_of_another_machine_needs_the_workload_that_was_built_for_it() {
+        // The builder makes it beside the programs of a user, not beside tests.
+        let error = engine("1.41", "linux", "386", "i686")
+            .workload()
+            .map(drop)
+            .unwrap_err();
+        assert!(error.to_string().contains("no workload for i686"), "{error}");
+        assert!(error.hint().unwrap().contains("workload/builder/build i686"));
     }
 }

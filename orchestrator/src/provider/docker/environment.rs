@@ -29,6 +29,9 @@ pub struct DockerEnvironment {
     name: String,
     facts: Map<String, Value>,
     remains: Remains,
+    /// What it said last, and whether we have asked it to end.
+    last: Option<Progress>,
+    asked_to_end: bool,
 }
 
 /// What there is of an environment.
@@ -47,8 +50,6 @@ pub enum Remains {
         reader: String,
         /// What the workload's own record says, as far as it was not taken yet.
         lines: VecDeque<Progress>,
-        /// The last of them.
-        last: Option<Progress>,
     },
 }
 
@@ -60,6 +61,8 @@ impl DockerEnvironment {
             name,
             facts,
             remains,
+            last: None,
+            asked_to_end: false,
         }
     }
 
@@ -110,6 +113,20 @@ fn judge(state: &ContainerState) -> Ended {
     ended
 }
 
+/// How a workload ended that said that it was asked to, though not by us: in order, and too early.
+fn ended_by_another(engine_was_lost: bool) -> Ended {
+    let who = if engine_was_lost {
+        "the Docker Engine, which was stopped or restarted meanwhile: without `live-restore` in its daemon.json, containers \
+         end with it"
+    } else {
+        "somebody else, as `docker stop` does"
+    };
+    Ended {
+        success: false,
+        how: format!("it was asked to end by {who}"),
+    }
+}
+
 #[async_trait]
 impl Environment for DockerEnvironment {
     fn facts(&self) -> Map<String, Value> {
@@ -121,43 +138,50 @@ impl Environment for DockerEnvironment {
     }
 
     async fn next_progress(&mut self) -> Result<Option<Progress>, ProviderError> {
-        match &mut self.remains {
-            Remains::Container { lines, .. } => lines.next().await,
-            Remains::Volume { lines, last, .. } => {
-                let next = lines.pop_front();
-                if next.is_some() {
-                    last.clone_from(&next);
-                }
-                Ok(next)
-            }
+        let next = match &mut self.remains {
+            Remains::Container { lines, .. } => lines.next().await?,
+            Remains::Volume { lines, .. } => lines.pop_front(),
+        };
+        if next.is_some() {
+            self.last.clone_from(&next);
         }
+        Ok(next)
     }
 
     async fn stop(&mut self) -> Result<(), ProviderError> {
         if matches!(self.remains, Remains::Volume { .. }) {
             return Ok(());
         }
-        let options = KillContainerOptionsBuilder::default().signal("SIGTERM").build();
-        let answer = self.engine.api.kill_container(&self.name, Some(options)).await;
-        match answer {
-            // What has ended, or is gone, needs no asking.
-            Err(bollard::errors::Error::DockerResponseServerError {
-                status_code: 404 | 409,
-                ..
-            })
-            | Ok(()) => Ok(()),
-            Err(error) => Err(translate("asking the workload to end", error)),
-        }
+        self.asked_to_end = true;
+        let ask = || async {
+            let options = KillContainerOptionsBuilder::default().signal("SIGTERM").build();
+            let answer = self.engine.api.kill_container(&self.name, Some(options)).await;
+            match answer {
+                // What has ended, or is gone, needs no asking.
+                Err(bollard::errors::Error::DockerResponseServerError {
+                    status_code: 404 | 409,
+                    ..
+                })
+                | Ok(()) => Ok(()),
+                Err(error) => Err(translate("asking the workload to end", error)),
+            }
+        };
+        self.engine.patiently(ask).await
     }
 
     async fn ended(&mut self) -> Result<Ended, ProviderError> {
         while self.next_progress().await?.is_some() {}
-        if let Remains::Volume { last, .. } = &self.remains {
-            return Ok(Ended::by_last_line(last.as_ref()));
+        let Remains::Container { lines, .. } = &self.remains else {
+            return Ok(Ended::by_last_line(self.last.as_ref()));
+        };
+        let engine = &self.engine;
+        engine.patiently(|| until_ended(engine, &self.name)).await?;
+        let ended = judge(&engine.patiently(|| self.state()).await?);
+        let stopped = matches!(self.last, Some(Progress::Stopped { .. }));
+        if stopped && !self.asked_to_end {
+            return Ok(ended_by_another(lines.was_cut()));
         }
-        until_ended(&self.engine, &self.name).await?;
-        let ended = judge(&self.state().await?);
-        let words = self.last_words().await?;
+        let words = engine.patiently(|| self.last_words()).await?;
         Ok(ended.with_last_words(&words))
     }
 
@@ -166,15 +190,19 @@ impl Environment for DockerEnvironment {
             Remains::Container { .. } => &self.name,
             Remains::Volume { reader, .. } => reader,
         };
-        archive::collect(&self.engine, container, into).await
+        let engine = &self.engine;
+        engine
+            .patiently(|| archive::collect(engine, container, into))
+            .await
     }
 
     async fn discard(self: Box<Self>) -> Result<(), ProviderError> {
+        let engine = &self.engine;
         if let Remains::Volume { reader, .. } = &self.remains {
-            remove_container(&self.engine, reader).await?;
+            engine.patiently(|| remove_container(engine, reader)).await?;
         }
-        remove_container(&self.engine, &self.name).await?;
-        remove_volume(&self.engine, &self.name).await
+        engine.patiently(|| remove_container(engine, &self.name)).await?;
+        engine.patiently(|| remove_volume(engine, &self.name)).await
     }
 }
 

@@ -1,18 +1,25 @@
-//! Following what a container's main process says, from its first line, in a task of its own. The main type is
-//! [`Follower`].
+//! Following what a container's main process says, from its first line, in a task of its own, also beyond a cut of the way
+//! to the engine and a restart of the engine. The main type is [`Follower`].
 
-use std::{pin::pin, time::Duration};
+use std::{
+    pin::pin,
+    sync::{
+        Arc,
+        atomic::{AtomicBool, Ordering},
+    },
+    time::Duration,
+};
 
 use bollard::{
     errors::Error,
     query_parameters::{LogsOptionsBuilder, WaitContainerOptionsBuilder},
 };
 use futures_util::{StreamExt as _, TryStreamExt as _};
-use tokio::{sync::mpsc, task::JoinHandle};
+use tokio::{sync::mpsc, task::JoinHandle, time::Instant};
 use workload::record::progress::Progress;
 
 use super::engine::{Engine, translate};
-use crate::provider::{ProviderError, lines::Lines};
+use crate::provider::{ProviderError, lines::Lines, patience::Patience};
 
 /// Lines that wait to be taken; beyond that the engine waits, which keeps them in the container's log.
 const WAITING_LINES: usize = 64;
@@ -26,15 +33,17 @@ pub struct Follower {
     lines: mpsc::Receiver<Result<Progress, ProviderError>>,
     task: JoinHandle<()>,
     broken: bool,
+    was_cut: Arc<AtomicBool>,
 }
 
 impl Follower {
     /// Begins to follow.
     pub fn of(engine: Engine, container: String) -> Self {
         let (sender, lines) = mpsc::channel(WAITING_LINES);
+        let was_cut = Arc::new(AtomicBool::new(false));
+        let cut = Arc::clone(&was_cut);
         let task = tokio::spawn(async move {
-            let said = tell(&engine, &container, &sender).await;
-            if let Err(error) = said {
+            if let Err(error) = tell(&engine, &container, &sender, &cut).await {
                 // Nobody is there to be told if this fails.
                 let _ = sender.send(Err(error)).await;
             }
@@ -43,13 +52,19 @@ impl Follower {
             lines,
             task,
             broken: false,
+            was_cut,
         }
+    }
+
+    /// Whether the engine was lost for a time.
+    pub fn was_cut(&self) -> bool {
+        self.was_cut.load(Ordering::Relaxed)
     }
 
     /// The next line; none when the container has ended and all its lines were taken. Cancel-safe.
     ///
     /// # Errors
-    /// When the engine stops answering: from then on there are no more lines, though the container may go on.
+    /// When the engine stays away: from then on there are no more lines, though the container may go on.
     pub async fn next(&mut self) -> Result<Option<Progress>, ProviderError> {
         if self.broken {
             return Err(translate(
@@ -69,38 +84,74 @@ impl Drop for Follower {
     }
 }
 
-/// Sends every line; returns when the container has ended.
+/// Sends every line once; returns when the container has ended.
 async fn tell(
     engine: &Engine,
     container: &str,
     sender: &mpsc::Sender<Result<Progress, ProviderError>>,
+    was_cut: &AtomicBool,
 ) -> Result<(), ProviderError> {
-    let options = LogsOptionsBuilder::default()
-        .follow(true)
-        .stdout(true)
-        .tail("all")
-        .build();
-    let mut pieces = pin!(engine.api.logs(container, Some(options)));
-    let mut lines = Lines::default();
-    while let Some(piece) = pieces
-        .try_next()
-        .await
-        .map_err(|error| translate(ACTION, error))?
-    {
-        lines.push(&piece.into_bytes());
-        while let Some(line) = lines.next_line()? {
-            if sender.send(Ok(line)).await.is_err() {
-                return Ok(());
+    let mut taken = Taken::default();
+    loop {
+        taken.patience.pause().await;
+        match taken.follow(engine, container, sender).await {
+            Ok(()) => return Ok(()),
+            Err(error) => engine.bear(&mut taken.patience, error)?,
+        }
+        was_cut.store(true, Ordering::Relaxed);
+    }
+}
+
+/// What was taken in of a container's log, over however many connections.
+#[derive(Default)]
+struct Taken {
+    lines: Lines,
+    bytes: usize,
+    patience: Patience,
+}
+
+impl Taken {
+    /// Follows the log until the container has ended. An engine hands a log out from its beginning, or from a moment that
+    /// several lines may share; so from its beginning, and what was taken before is left out.
+    async fn follow(
+        &mut self,
+        engine: &Engine,
+        container: &str,
+        sender: &mpsc::Sender<Result<Progress, ProviderError>>,
+    ) -> Result<(), ProviderError> {
+        let options = LogsOptionsBuilder::default()
+            .follow(true)
+            .stdout(true)
+            .tail("all")
+            .build();
+        let since = Instant::now();
+        let mut known = self.bytes;
+        let mut pieces = pin!(engine.api.logs(container, Some(options)));
+        while let Some(piece) = pieces
+            .try_next()
+            .await
+            .map_err(|error| translate(ACTION, error))?
+        {
+            self.patience.restore(Instant::now(), since);
+            let piece = piece.into_bytes();
+            let (before, new) = piece.split_at(known.min(piece.len()));
+            known -= before.len();
+            self.bytes += new.len();
+            self.lines.push(new);
+            while let Some(line) = self.lines.next_line()? {
+                if sender.send(Ok(line)).await.is_err() {
+                    return Ok(());
+                }
             }
         }
-    }
-    // The log also ends when the engine does: only the container's own end is the end of its lines.
-    match tokio::time::timeout(PATIENCE, until_ended(engine, container)).await {
-        Ok(ended) => ended,
-        Err(_) => Err(translate(
-            ACTION,
-            std::io::Error::from(std::io::ErrorKind::UnexpectedEof).into(),
-        )),
+        // The log also ends when the engine does: only the container's own end is the end of its lines.
+        match tokio::time::timeout(PATIENCE, until_ended(engine, container)).await {
+            Ok(ended) => ended,
+            Err(_) => Err(translate(
+                ACTION,
+                std::io::Error::from(std::io::ErrorKind::UnexpectedEof).into(),
+            )),
+        }
     }
 }
 

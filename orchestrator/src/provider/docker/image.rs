@@ -1,5 +1,5 @@
 //! The image that containers are made of: the workload alone, or on top of an image that the user names. Built by the
-//! engine from `dockerfiles/workload.Dockerfile` and the binary that `matrix` carries. The function is [`ensure`].
+//! engine from `dockerfiles/workload.Dockerfile` and the workload for its machine. The function is [`ensure`].
 
 use std::collections::HashMap;
 
@@ -8,10 +8,10 @@ use futures_util::TryStreamExt as _;
 use tokio::sync::Mutex;
 
 use super::{
-    engine::{Engine, if_there, translate},
+    engine::{Engine, Workload, if_there, translate},
     labels::Labels,
 };
-use crate::{provider::ProviderError, workload_binary};
+use crate::provider::ProviderError;
 
 const DOCKERFILE: &str = include_str!("../../../../dockerfiles/workload.Dockerfile");
 const REPOSITORY: &str = "matrix-workload";
@@ -25,31 +25,41 @@ pub struct Image {
     pub id: String,
     /// What it was built upon: a name and a digest, if not on nothing.
     pub base: Option<(String, String)>,
+    /// The SHA-256 of the workload in it, where that is known.
+    pub workload_sha256: Option<String>,
 }
 
 /// The image for containers upon `base`, built if the engine does not have it.
 ///
 /// # Errors
-/// When the engine does not have the base, or does not build the image.
+/// When there is no workload for the engine's machine, or the engine does not have the base, or does not build the image.
 pub async fn ensure(engine: &Engine, base: Option<&str>) -> Result<Image, ProviderError> {
     let base = match base {
         Some(name) => Some((name.to_owned(), base_id(engine, name).await?)),
         None => None,
     };
-    let name = name(base.as_ref().map(|(_, id)| id.as_str()));
+    let workload = engine.workload()?;
+    let name = name(workload, base.as_ref().map(|(_, id)| id.as_str()));
     // Two builds at once would both be done, and one of the images be left without its name.
     static BUILDING: Mutex<()> = Mutex::const_new(());
     let _building = BUILDING.lock().await;
-    if let Some(id) = existing(engine, &name).await? {
-        return Ok(Image { name, id, base });
-    }
-    build(engine, &name, base.as_ref().map(|(name, _)| name.as_str())).await?;
-    match existing(engine, &name).await? {
-        Some(id) => Ok(Image { name, id, base }),
-        None => Err(ProviderError::NotFound {
-            what: format!("the image {name}, just built,"),
-        }),
-    }
+    let id = match existing(engine, &name, workload).await? {
+        Some(id) => id,
+        None => {
+            let base = base.as_ref().map(|(name, _)| name.as_str());
+            build(engine, &name, workload, base).await?;
+            let built = existing(engine, &name, workload).await?;
+            built.ok_or_else(|| ProviderError::NotFound {
+                what: format!("the image {name}, just built,"),
+            })?
+        }
+    };
+    Ok(Image {
+        name,
+        id,
+        base,
+        workload_sha256: Some(workload.sha256.clone()),
+    })
 }
 
 /// Why the engine cannot make the image, if it lacks the base.
@@ -71,9 +81,9 @@ pub async fn base_id(engine: &Engine, base: &str) -> Result<String, ProviderErro
 }
 
 /// Its tag says which workload and which base, so that a change of either makes another image.
-fn name(base_id: Option<&str>) -> String {
+fn name(workload: &Workload, base_id: Option<&str>) -> String {
     let short = |hash: &str| hash.chars().take(12).collect::<String>();
-    let workload = short(workload_binary::sha256());
+    let workload = short(&workload.sha256);
     match base_id {
         None => format!("{REPOSITORY}:{workload}"),
         Some(id) => format!(
@@ -92,22 +102,27 @@ pub fn is_our_name(names: &[String]) -> bool {
 }
 
 /// The digest of the image of that name, if it is what the name says.
-async fn existing(engine: &Engine, name: &str) -> Result<Option<String>, ProviderError> {
+async fn existing(engine: &Engine, name: &str, workload: &Workload) -> Result<Option<String>, ProviderError> {
     let action = format!("looking for the image {name}");
     let found = if_there(&action, engine.api.inspect_image(name).await)?;
     Ok(found.and_then(|image| {
         let labels = Labels::read(image.config.and_then(|config| config.labels));
         image
             .id
-            .filter(|_| labels.name_workload(workload_binary::sha256()))
+            .filter(|_| labels.workload().as_ref() == Some(&workload.sha256))
     }))
 }
 
-async fn build(engine: &Engine, name: &str, base: Option<&str>) -> Result<(), ProviderError> {
+async fn build(
+    engine: &Engine,
+    name: &str,
+    workload: &Workload,
+    base: Option<&str>,
+) -> Result<(), ProviderError> {
     let action = format!("building the image {name}");
     let context = archive(
         &action,
-        &[("Dockerfile", 0o644, DOCKERFILE.as_bytes()), workload()],
+        &[("Dockerfile", 0o644, DOCKERFILE.as_bytes()), file_of(workload)],
     )?;
     let options = BuildImageOptionsBuilder::default()
         .dockerfile("Dockerfile")
@@ -115,7 +130,7 @@ async fn build(engine: &Engine, name: &str, base: Option<&str>) -> Result<(), Pr
         .rm(true)
         .forcerm(true)
         .networkmode("none")
-        .labels(&Labels::of_image(workload_binary::sha256()).write())
+        .labels(&Labels::of_image(&workload.sha256).write())
         .buildargs(&HashMap::from([("BASE", base.unwrap_or("scratch"))]))
         .build();
     engine
@@ -127,19 +142,19 @@ async fn build(engine: &Engine, name: &str, base: Option<&str>) -> Result<(), Pr
 }
 
 /// A file for the engine: its name, its mode and what is in it.
-type File = (&'static str, u32, &'static [u8]);
+type File<'a> = (&'static str, u32, &'a [u8]);
 
 /// The workload, which is at the root of every container.
 #[must_use]
-pub fn workload() -> File {
-    ("workload", 0o755, workload_binary::bytes())
+pub fn file_of(workload: &Workload) -> File<'_> {
+    ("workload", 0o755, &workload.binary)
 }
 
 /// Files as a tar archive, as an engine takes them. Without times, so that the engine's cache knows them again.
 ///
 /// # Errors
 /// When this machine has no memory for it.
-pub fn archive(action: &str, files: &[File]) -> Result<Vec<u8>, ProviderError> {
+pub fn archive(action: &str, files: &[File<'_>]) -> Result<Vec<u8>, ProviderError> {
     let mut archive = tar::Builder::new(Vec::new());
     let mut pack = || {
         for (path, mode, content) in files {
@@ -165,12 +180,18 @@ pub fn archive(action: &str, files: &[File]) -> Result<Vec<u8>, ProviderError> {
 mod tests {
     use super::*;
 
+    fn workload(binary: &'static [u8]) -> Workload {
+        Workload::new(binary.into())
+    }
+
     #[test]
     fn the_tag_tells_workload_and_base() {
-        let alone = name(None);
+        let ours = workload(b"ours");
+        let alone = name(&ours, None);
         assert_eq!(alone.len(), REPOSITORY.len() + 1 + 12);
-        let upon = name(Some("sha256:0123456789abcdef"));
+        let upon = name(&ours, Some("sha256:0123456789abcdef"));
         assert_eq!(upon, format!("{alone}-on-0123456789ab"));
+        assert_ne!(name(&workload(b"another machine's"), None), alone);
     }
 
     #[rstest::rstest]
@@ -185,7 +206,14 @@ mod tests {
 
     #[test]
     fn an_archive_has_its_files_and_a_binary_that_can_be_run() {
-        let packed = archive("packing", &[("Dockerfile", 0o644, b"FROM scratch"), workload()]).unwrap();
+        let packed = archive(
+            "packing",
+            &[
+                ("Dockerfile", 0o644, b"FROM scratch"),
+                file_of(&workload(b"ours")),
+            ],
+        )
+        .unwrap();
         let mut archive = tar::Archive::new(packed.as_slice());
         let entries: Vec<_> = archive
             .entries()

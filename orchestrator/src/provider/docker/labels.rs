@@ -33,6 +33,13 @@ impl Labels {
         ])
     }
 
+    /// The same, of what the workload of this hash writes to: a container has it of its image, a volume has no image.
+    #[must_use]
+    pub fn with_workload(mut self, sha256: &str) -> Self {
+        self.0.insert(WORKLOAD.to_owned(), sha256.to_owned());
+        self
+    }
+
     /// Of a container that belongs to no run.
     #[must_use]
     pub fn of_check() -> Self {
@@ -84,10 +91,10 @@ impl Labels {
         self.0.get(ENVIRONMENT).is_some_and(|known| known == environment)
     }
 
-    /// Whether they are those of an image with the workload of this hash.
+    /// The hash of the workload that is in the image, and so in what was made of it.
     #[must_use]
-    pub fn name_workload(&self, sha256: &str) -> bool {
-        self.0.get(WORKLOAD).is_some_and(|known| known == sha256)
+    pub fn workload(&self) -> Option<String> {
+        self.0.get(WORKLOAD).cloned()
     }
 
     /// The run.

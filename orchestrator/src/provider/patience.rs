@@ -4,14 +4,14 @@ use std::{future::Future, time::Duration};
 
 use tokio::time::Instant;
 
-use crate::provider::ProviderError;
+use super::ProviderError;
 
 const FIRST_PAUSE: Duration = Duration::from_secs(1);
 const LONGEST_PAUSE: Duration = Duration::from_secs(30);
 /// A restart of a host or of its network takes minutes.
 const IN_ALL: Duration = Duration::from_secs(600);
 
-/// With a host that was reached once and is not now.
+/// With a host or an engine that was reached once and is not now.
 #[derive(Debug, Clone)]
 pub struct Patience {
     pause: Duration,

@@ -1,0 +1,162 @@
+//! What happens to engines, containers and the ways to them while a window is measured: what was measured is kept, what goes
+//! on is collected whole, and what ended says why.
+
+use std::process::Command;
+
+use rstest::rstest;
+use serde_json::Value;
+use tests::{Ran, WHOLE_WINDOWS_COUNT, Workplace, engine::Engine, is_whole, sshd::Sshd};
+
+fn matrix(hosts: &str, windows: usize, window: &str) -> String {
+    format!(
+        "{hosts}matrix:\n  virtualization: [docker]\nworkload:\n  windows: {windows}\n  window: {window}\n  period: 1s\n  \
+         reference: {{amplitude_m: 0.05}}\n  {WHOLE_WINDOWS_COUNT}\n"
+    )
+}
+
+fn whole_windows(workplace: &Workplace) -> Vec<usize> {
+    let scenario = workplace.scenario_directory();
+    (1..=9)
+        .filter(|window| is_whole(&scenario.join(format!("window-{window}"))))
+        .collect()
+}
+
+/// How the one scenario of the one run has ended.
+fn outcome(workplace: &Workplace) -> Value {
+    let report = workplace.json(&["report", workplace.run_directory().to_str().unwrap()]);
+    report["scenarios"][0].clone()
+}
+
+fn resume(workplace: &Workplace) -> Ran {
+    workplace.run(&["resume", workplace.run_directory().to_str().unwrap()])
+}
+
+/// The containers and volumes of the one run that the common engine has.
+fn on_the_engine(workplace: &Workplace) -> String {
+    let filter = format!(
+        "label=matrix.run-directory={}",
+        workplace.run_directory().display()
+    );
+    let kinds: [&[&str]; 2] = [&["ps", "--all"], &["volume", "ls"]];
+    let listed = kinds.map(|kind| {
+        let listed = Command::new("docker")
+            .args(kind)
+            .args(["--quiet", "--filter", &filter])
+            .output()
+            .unwrap();
+        assert!(listed.status.success(), "{listed:?}");
+        String::from_utf8(listed.stdout).unwrap()
+    });
+    listed.concat()
+}
+
+#[test]
+fn an_engine_that_restarts_and_leaves_its_containers_alone_costs_nothing() {
+    let mut workplace = Workplace::measuring();
+    let mut engine = Engine::start(true);
+    workplace.set("DOCKER_HOST", &engine.address());
+    workplace.write("m.yaml", matrix("", 2, "8s"));
+    let mut running = workplace.start(&["run", "m.yaml"]);
+    running.wait_for("measuring window 1");
+    engine.restart();
+    running.wait_for("window 1 complete");
+    engine.crash();
+    let ran = running.end();
+    assert_eq!(ran.code, Some(0), "{ran:?}");
+    assert_eq!(whole_windows(&workplace), [1, 2]);
+    assert_eq!(outcome(&workplace)["outcome"], "completed");
+    workplace.assert_lines_came_once();
+    assert_eq!(engine.docker(&["ps", "--all", "--quiet"]).out, "");
+    assert_eq!(engine.docker(&["volume", "ls", "--quiet"]).out, "");
+}
+
+#[rstest]
+#[case::restarted(Engine::restart)]
+#[case::crashed(Engine::crash)]
+fn an_engine_that_takes_its_containers_with_it_ends_the_scenario_and_what_was_measured_is_kept(
+    #[case] fault: fn(&mut Engine),
+) {
+    let mut workplace = Workplace::measuring();
+    let mut engine = Engine::start(false);
+    workplace.set("DOCKER_HOST", &engine.address());
+    workplace.write("m.yaml", matrix("", 2, "8s"));
+    let mut running = workplace.start(&["run", "m.yaml"]);
+    running.wait_for("window 1 complete");
+    fault(&mut engine);
+    let ran = running.end();
+    assert_eq!(ran.code, Some(3), "{ran:?}");
+    assert_eq!(whole_windows(&workplace), [1]);
+    let errored = outcome(&workplace);
+    assert_eq!(errored["outcome"], "errored", "{errored:#}");
+    let reason = errored["reason"].as_str().unwrap();
+    assert!(reason.contains("without `live-restore`"), "{errored:#}");
+    assert_eq!(engine.docker(&["ps", "--all", "--quiet"]).out, "");
+
+    let resumed = resume(&workplace);
+    assert_eq!(resumed.code, Some(0), "{resumed:?}");
+    assert_eq!(whole_windows(&workplace), [1, 2]);
+}
+
+#[test]
+fn a_container_that_is_killed_in_a_window_keeps_the_windows_before_and_says_so() {
+    let workplace = Workplace::measuring();
+    workplace.write("m.yaml", matrix("", 3, "4s"));
+    let mut running = workplace.start(&["run", "m.yaml"]);
+    running.wait_for("window 1 complete");
+    let there = on_the_engine(&workplace);
+    let container = there.lines().next().unwrap();
+    let killed = Command::new("docker").args(["kill", container]).output().unwrap();
+    assert!(killed.status.success(), "{killed:?}");
+    let ran = running.end();
+    assert_eq!(ran.code, Some(3), "{ran:?}");
+    assert_eq!(whole_windows(&workplace), [1]);
+    let errored = outcome(&workplace);
+    assert_eq!(errored["outcome"], "errored", "{errored:#}");
+    let reason = errored["reason"].as_str().unwrap();
+    assert!(reason.contains("killed by signal 9"), "{errored:#}");
+    assert_eq!(on_the_engine(&workplace), "");
+    assert_eq!(resume(&workplace).code, Some(0));
+    assert_eq!(whole_windows(&workplace), [1, 2, 3]);
+}
+
+#[test]
+fn windows_on_an_engine_behind_ssh_are_whole_though_the_connection_is_cut_in_one() {
+    let workplace = Workplace::measuring();
+    let sshd = Sshd::start();
+    let hosts = format!(
+        "hosts:\n  there: {{hardware: two, os: linux, connect: {}}}\n",
+        sshd.connect()
+    );
+    workplace.write("m.yaml", matrix(&hosts, 2, "6s"));
+    let mut running = workplace.start(&["run", "m.yaml"]);
+    running.wait_for("measuring window 1");
+    sshd.cut();
+    running.wait_for("window 1 complete");
+    sshd.cut();
+    running.wait_for("all windows measured");
+    sshd.cut();
+    let ran = running.end();
+    assert_eq!(ran.code, Some(0), "{ran:?}");
+    assert_eq!(whole_windows(&workplace), [1, 2]);
+    workplace.assert_lines_came_once();
+    assert_eq!(on_the_engine(&workplace), "");
+}
+
+#[test]
+fn an_engine_that_ssh_may_not_reach_makes_a_scenario_infeasible() {
+    let workplace = Workplace::new();
+    let sshd = Sshd::with("AllowStreamLocalForwarding no");
+    let hosts = format!(
+        "hosts:\n  there: {{hardware: two, os: linux, connect: {}}}\n",
+        sshd.connect()
+    );
+    workplace.write("m.yaml", matrix(&hosts, 1, "4s"));
+    let plan = workplace.json(&["plan", "m.yaml"]);
+    let scenario = &plan["scenarios"][0];
+    assert_eq!(scenario["feasible"], false, "{plan:#}");
+    let reason = scenario["reason"].as_str().unwrap();
+    assert!(
+        reason.contains("docker.sock") && reason.contains("there"),
+        "{reason}"
+    );
+}
