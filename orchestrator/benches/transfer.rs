@@ -3,7 +3,7 @@
 //! `cargo bench --profile dev -p orchestrator --bench transfer`: in the profile that users have. Prints medians and their
 //! ratio; it is not a test and has no bound.
 
-#![allow(clippy::unwrap_used)] // As in tests.
+#![allow(clippy::unwrap_used, clippy::print_stdout)] // As in tests; and a benchmark prints.
 
 use std::{
     fs::{self, File},
@@ -36,7 +36,8 @@ const STEPS: u64 = 75_000;
 
 #[tokio::main]
 async fn main() {
-    let sshd = Sshd::start();
+    // What scp has spoken since OpenSSH 9.0.
+    let sshd = Sshd::with("Subsystem sftp internal-sftp");
     let data = sshd
         .folder()
         .join("state/environments")

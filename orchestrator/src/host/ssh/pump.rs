@@ -31,8 +31,10 @@ pub const BEAT: Duration = Duration::from_secs(15);
 
 /// So many signs of life asked for without an answer: the connection is lost.
 const MISSED_BEATS: u32 = 4;
-/// What one read or write moves at most. libssh2 makes packets of that size.
-const BUFFER: usize = 32 << 10;
+/// How long an answer is waited for with nothing else done. One that takes longer is seen where all is waited for.
+const ANSWER: Duration = Duration::from_secs(1);
+/// What one read or write moves at most: several of the packets of 32 KiB that SSH has.
+const BUFFER: usize = 256 << 10;
 /// What is kept of standard error.
 const LAST_WORDS: usize = 64 << 10;
 /// How long the rest of its input may take to get to a program whose stream was dropped.
@@ -268,8 +270,7 @@ impl Pump<'_> {
             self.near_gone = Some(Instant::now());
         }
         if wire.intersects(PollFlags::IN) {
-            self.heard = Instant::now();
-            self.missed_beats = 0;
+            self.hear();
             return Ok(());
         }
         self.keep_alive()
@@ -294,8 +295,27 @@ impl Pump<'_> {
         poll(&mut wire, Some(&Timespec::default()))?;
         if wire.iter().any(|wire| wire.revents().intersects(PollFlags::OUT)) {
             self.link.session().keepalive_send()?;
+            self.listen()?;
         }
         Ok(())
+    }
+
+    /// Waits a moment for the answer. One that comes before the next look would be read with the rest and not be seen:
+    /// libssh2 keeps it to itself.
+    fn listen(&mut self) -> io::Result<()> {
+        let mut wire = [PollFd::new(self.link.wire(), PollFlags::IN)];
+        let time = Timespec::try_from(ANSWER.min(self.beat)).map_err(io::Error::other)?;
+        match poll(&mut wire, Some(&time)) {
+            Ok(0) | Err(Errno::INTR) => {}
+            Ok(_) => self.hear(),
+            Err(error) => return Err(error.into()),
+        }
+        Ok(())
+    }
+
+    fn hear(&mut self) {
+        self.heard = Instant::now();
+        self.missed_beats = 0;
     }
 
     fn ended_there(&mut self) -> io::Result<Ended> {
