@@ -10,9 +10,9 @@ use std::{
 
 use crate::Workplace;
 
-/// The box of `tests/virtualbox`, and how VirtualBox runs its machines without a kernel module. Their clock goes
-/// at a fifth of the speed, so that a second of theirs has five times the instructions: otherwise the timer's interrupts
-/// alone take most of them. VirtualBox's additions to the guest are for shared folders, which nobody uses.
+/// The box of `tests/virtualbox`, and how VirtualBox runs its machines without a kernel module. Their clock goes at a fifth
+/// of the speed, so that a second of theirs has five times the instructions. VirtualBox's additions to the guest are for
+/// shared folders, which nobody uses.
 pub const PROVIDER: &str = "\
 providers:
   virtualbox:
