@@ -17,7 +17,7 @@ mod workload;
 use std::{
     ffi::OsStr,
     fs::File,
-    io::{BufRead, BufReader},
+    io::{BufRead, BufReader, Read as _},
     path::{Path, PathBuf},
     process::{Child, Command, Output, Stdio},
     sync::{Arc, OnceLock},
@@ -234,10 +234,18 @@ impl Ran {
     }
 }
 
-/// A `matrix` that is at work.
+/// A `matrix` that is at work; killed when it is dropped, so that a test that fails leaves nobody who holds the machine.
 pub struct Running {
     child: Child,
     lines: BufReader<std::process::ChildStderr>,
+}
+
+impl Drop for Running {
+    fn drop(&mut self) {
+        // It has ended, mostly.
+        let _ = self.child.kill();
+        let _ = self.child.wait();
+    }
 }
 
 impl Running {
@@ -305,8 +313,15 @@ impl Running {
             err.push_str(&line);
             err.push('\n');
         }
-        let mut ran = Ran::of(self.child.wait_with_output().expect("it can be waited for"));
-        ran.err = err;
-        ran
+        let mut out = String::new();
+        if let Some(mut output) = self.child.stdout.take() {
+            output.read_to_string(&mut out).expect("the pipe can be read");
+        }
+        let status = self.child.wait().expect("it can be waited for");
+        Ran {
+            code: status.code(),
+            out,
+            err,
+        }
     }
 }
