@@ -130,8 +130,13 @@ fn look(directory: &RunDirectory, wanted: &str) -> Result<Option<Left>, Complain
         return Ok(None);
     };
     let ScenarioState { kept, open, .. } = recorded.state.scenario(&planned.slug);
-    // Names end with the number of the attempt, of which there are few.
-    let left = match kept.into_iter().next_back() {
+    // Names end with the number of the attempt.
+    let attempt = |name: &String| {
+        name.rsplit('-')
+            .next()
+            .and_then(|number| number.parse::<u32>().ok())
+    };
+    let left = match kept.into_iter().max_by_key(attempt) {
         Some(environment) => Some((environment, true)),
         None if lease::is_held(&directory.lock()) => {
             return Err(wrong(

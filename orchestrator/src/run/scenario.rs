@@ -377,6 +377,7 @@ impl Run<'_> {
         let mut last = None;
         let mut asked_to_stop = false;
         let mut reconnected = false;
+        let mut told = Vec::new();
         loop {
             let progress = tokio::select! {
                 progress = environment.next_progress() => progress,
@@ -387,7 +388,12 @@ impl Run<'_> {
                 }
             };
             match progress {
+                // One that was found again says everything again.
+                Ok(Some(progress)) if told.contains(&progress) => {}
                 Ok(Some(progress)) => {
+                    if !matches!(progress, Progress::Health { .. } | Progress::Notice { .. }) {
+                        told.push(progress.clone());
+                    }
                     self.events.emit(Event::Workload {
                         scenario: request.scenario.clone(),
                         progress: progress.clone(),
