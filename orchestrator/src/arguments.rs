@@ -5,7 +5,8 @@ use clap::{Args, Parser, Subcommand};
 use crate::command::{
     check::CheckArguments, clean::CleanArguments, completions::CompletionsArguments, doctor::DoctorArguments,
     ks::KsArguments, messages::MessagesArguments, plan::PlanArguments, report::ReportArguments,
-    resume::ResumeArguments, run::RunArguments, shell::ShellArguments, status::StatusArguments,
+    resume::ResumeArguments, run::RunArguments, selftest::SelftestArguments, shell::ShellArguments,
+    status::StatusArguments,
 };
 use crate::plan::order::Order;
 
@@ -44,6 +45,8 @@ pub enum Command {
     Report(ReportArguments),
     /// Make a row for every message from the captures: sent, on the wire, arrived, received, sent again.
     Messages(MessagesArguments),
+    /// Say how often each method finds a difference where there is none, for data like that of a run.
+    Selftest(SelftestArguments),
     /// Compare two files of numbers, one a line, with the two-sample Kolmogorov-Smirnov test.
     Ks(KsArguments),
     /// Open a shell in an environment that was kept.
@@ -70,6 +73,7 @@ impl Command {
             Self::Status(arguments) => arguments.output,
             Self::Report(arguments) => arguments.output,
             Self::Messages(arguments) => arguments.output,
+            Self::Selftest(arguments) => arguments.output,
             Self::Ks(arguments) => arguments.output,
             Self::Clean(arguments) => arguments.output,
             Self::Doctor(arguments) => arguments.output,

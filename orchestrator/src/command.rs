@@ -11,6 +11,7 @@ pub mod report;
 pub mod resume;
 pub mod run;
 pub mod schema;
+pub mod selftest;
 pub mod shell;
 pub mod status;
 
@@ -29,6 +30,7 @@ pub async fn execute(command: &Command) -> Result<Exit, Complaint> {
         Command::Status(arguments) => status::execute(arguments),
         Command::Report(arguments) => report::execute(arguments),
         Command::Messages(arguments) => messages::execute(arguments),
+        Command::Selftest(arguments) => selftest::execute(arguments),
         Command::Ks(arguments) => ks::execute(arguments),
         Command::Shell(arguments) => shell::execute(arguments).await,
         Command::Clean(arguments) => clean::execute(arguments).await,

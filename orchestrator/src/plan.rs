@@ -10,6 +10,7 @@ pub mod naming;
 pub mod order;
 pub mod placement;
 pub mod selection;
+mod units;
 
 use std::collections::{BTreeMap, BTreeSet};
 
@@ -21,6 +22,7 @@ pub use attainable::Attainable;
 use order::Order;
 pub use placement::{HostFacts, Obstacle, ProviderFacts};
 pub use selection::Selection;
+pub use units::WindowDesign;
 
 use crate::matrix_file::{Code, Diagnostic, Diagnostics, MatrixFile, list, propose};
 use attainable::{fewest_values, smallest_p};
@@ -35,6 +37,8 @@ pub struct Plan {
     pub record: PlanRecord,
     /// The smallest p that its comparisons can reach; none if there is nothing to compare.
     pub attainable: Option<Attainable>,
+    /// What it can say with the window as the unit; none without a pair.
+    pub windows: Option<WindowDesign>,
     /// What is odd and yet no error, the file's own warnings among it.
     pub warnings: Diagnostics,
 }
@@ -89,6 +93,7 @@ pub fn plan(
     let mut found = file.warnings.clone();
     let offers = offers(file, facts);
     let combinations = expand(file, &offers, &mut found);
+    check_hosts(file, &combinations, &offers, &mut found);
     let (combinations, mut found) = found.unless_errors(combinations)?;
     let mut scenarios = scenarios(file, &combinations, &offers, &mut found);
     check_names(file, &scenarios, &mut found);
@@ -103,6 +108,7 @@ pub fn plan(
         scenario.not_selected = why;
     }
     let attainable = attainable(file, &combinations, &scenarios);
+    let windows = WindowDesign::of(&scenarios, &file.report);
     if let Some(attainable) = attainable {
         check_attainable(file, attainable, &mut found);
     }
@@ -122,9 +128,46 @@ pub fn plan(
     Ok(Plan {
         record,
         attainable,
+        windows,
         warnings,
     })
 }
+
+/// What the file says of a host must be so, and one that is out of reach is worth a word. Of hosts that are to measure
+/// something: what is played needs no machine.
+fn check_hosts(file: &MatrixFile, combinations: &[Combination], offers: &[Offer], found: &mut Diagnostics) {
+    let measured = |it: &&Combination| it.excluded.is_none() && it.virtualization() != PLAYED;
+    let wanted: BTreeSet<&str> = combinations
+        .iter()
+        .filter(measured)
+        .flat_map(|combination| fitting(combination, offers))
+        .map(|offer| offer.host.as_str())
+        .collect();
+    for offer in offers.iter().filter(|offer| wanted.contains(offer.host.as_str())) {
+        if let Some(false_claim) = &offer.contradiction {
+            let span = file.place_of(&format!("hosts.{}.{}", offer.host, false_claim.axis));
+            let reason = &false_claim.reason;
+            found
+                .push(Diagnostic::error(&file.source, Code::FalseClaim, span, reason).help(&false_claim.fix));
+        }
+        if let Some(silence) = offer.silence() {
+            let span = file.place_of_key(&format!("hosts.{}", offer.host));
+            let tried = "its scenarios are tried all the same when their turn comes";
+            let help = match &silence.fix {
+                Some(fix) => format!("{fix}; {tried}"),
+                None => tried.to_owned(),
+            };
+            let message = format!(
+                "host `{}` cannot be asked what it can do: {}",
+                offer.host, silence.reason
+            );
+            found.push(Diagnostic::warning(&file.source, Code::SilentHost, span, message).help(help));
+        }
+    }
+}
+
+/// The one virtualization that is a fake.
+const PLAYED: &str = "fake";
 
 /// Names, settings and hosts for the combinations.
 fn scenarios(
@@ -252,16 +295,26 @@ fn check_names(file: &MatrixFile, scenarios: &[PlannedScenario], found: &mut Dia
             .iter()
             .flat_map(|scenario| [scenario.id.as_str(), scenario.slug.as_str()])
     };
-    for name in file.report.figures.iter().flat_map(|(a, b)| [a, b]) {
+    let figures = file
+        .report
+        .figures
+        .iter()
+        .flat_map(|(a, b)| [a.as_str(), b.as_str()]);
+    let figures = figures.map(|name| ("report.figures", "draw", name));
+    let family = file
+        .report
+        .family
+        .names()
+        .map(|name| ("report.family", "compare", name));
+    for (path, what, name) in figures.chain(family) {
         if !names().any(|known| known == name) {
-            let span = file.place_of("report.figures");
             let slugs = scenarios.iter().map(|scenario| scenario.slug.as_str());
             found.push(
                 Diagnostic::error(
                     &file.source,
                     Code::UnknownValue,
-                    span,
-                    format!("there is no scenario `{name}` to draw"),
+                    file.place_of(path),
+                    format!("there is no scenario `{name}` to {what}"),
                 )
                 .help(propose(name, slugs)),
             );

@@ -15,7 +15,7 @@ use orchestrator::{
     state_directory::StateDirectory,
 };
 use tempfile::TempDir;
-use tests::sshd::Sshd;
+use tests::{MacOs, sshd::Sshd};
 use tokio::time::timeout;
 
 /// Only ends a wait for what never comes.
@@ -88,9 +88,13 @@ async fn over_ssh_one_at_a_time_has_the_lease() {
 }
 
 #[tokio::test]
-async fn a_lease_ends_with_the_connection_of_who_has_it() {
-    let sshd = Sshd::start();
-    let (one, two) = (there(&sshd), there(&sshd));
+async fn on_macos_one_at_a_time_has_the_lease() {
+    let mac = MacOs::start();
+    one_at_a_time(there(&mac.sshd)).await;
+}
+
+async fn it_ends_with_the_connection(sshd: &Sshd) {
+    let (one, two) = (there(sshd), there(sshd));
     let mut first = ask(&one, "/runs/one");
     assert_eq!(answer(&mut first).await, Answer::Granted);
     let mut second = ask(&two, "/runs/two");
@@ -101,14 +105,22 @@ async fn a_lease_ends_with_the_connection_of_who_has_it() {
 }
 
 #[tokio::test]
-async fn who_was_cut_off_has_the_lease_again_before_who_has_waited() {
-    let sshd = Sshd::start();
-    let host = there(&sshd);
+async fn a_lease_ends_with_the_connection_of_who_has_it() {
+    it_ends_with_the_connection(&Sshd::start()).await;
+}
+
+#[tokio::test]
+async fn a_lease_on_macos_ends_with_the_connection_of_who_has_it() {
+    it_ends_with_the_connection(&MacOs::start().sshd).await;
+}
+
+async fn who_was_cut_off_has_it_again(sshd: &Sshd) {
+    let host = there(sshd);
     let mut first = ask(&host, "/runs/one");
     assert_eq!(answer(&mut first).await, Answer::Granted);
     // Behind a cable that was cut the host does not know that its holder is out of reach.
     sshd.freeze();
-    let elsewhere = there(&sshd);
+    let elsewhere = there(sshd);
     let mut second = ask(&elsewhere, "/runs/two");
     assert!(matches!(answer(&mut second).await, Answer::HeldBy(_)));
     // The same run, from a process that knows nothing of the older connection.
@@ -116,6 +128,16 @@ async fn who_was_cut_off_has_the_lease_again_before_who_has_waited() {
     assert_eq!(answer(&mut again).await, Answer::Granted);
     again.give_back().await;
     assert_eq!(answer(&mut second).await, Answer::Granted);
+}
+
+#[tokio::test]
+async fn who_was_cut_off_has_the_lease_again_before_who_has_waited() {
+    who_was_cut_off_has_it_again(&Sshd::start()).await;
+}
+
+#[tokio::test]
+async fn who_was_cut_off_from_macos_has_the_lease_again_before_who_has_waited() {
+    who_was_cut_off_has_it_again(&MacOs::start().sshd).await;
 }
 
 #[tokio::test]

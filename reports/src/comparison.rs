@@ -1,10 +1,16 @@
 //! All pairs of windows compared, within each scenario and between each two: the counts that the paper tables. The main
-//! types are [`Comparison`] and [`Tally`].
+//! types are [`Comparison`] and [`Tally`], made by [`compare`].
+
+use std::collections::BTreeMap;
 
 use crate::{
-    ks::{self, KsTest},
+    ks::{KsTest, Pool, Procedure},
     sample::Sample,
+    settings::ReportSettings,
 };
+
+/// How many comparisons are listed: those of a thousand windows, in some 200 MB. Of more the counts are kept.
+pub const LISTED: usize = 500_000;
 
 /// One test of one window against another.
 #[derive(Debug, Clone, PartialEq)]
@@ -34,50 +40,124 @@ pub struct Tally {
     pub pairs: usize,
     /// Those of them that were rejected.
     pub rejected: usize,
+    /// Those of them whose p-value is not of the method that was asked for, since the samples are large.
+    pub in_the_limit: usize,
 }
 
-/// Compares every sample with every later one.
+/// Every two samples compared.
+#[derive(Debug, Clone, Default, PartialEq)]
+pub struct Compared {
+    /// Every comparison; empty if there are more than [`LISTED`].
+    pub comparisons: Vec<Comparison>,
+    /// The counts, of each scenario with itself and with each other, in the order they first appear.
+    pub tallies: Vec<Tally>,
+}
+
+/// Compares every sample with every later one, on all processors. The samples of a scenario stand together.
 #[must_use]
-pub fn compare_all(samples: &[Sample], alpha: f64) -> Vec<Comparison> {
-    let pairs = samples
-        .iter()
-        .enumerate()
-        .flat_map(|(at, first)| samples.iter().skip(at + 1).map(move |second| (first, second)));
-    pairs
-        .filter_map(|(first, second)| {
-            // Never an error: `sample::samples` leaves out what is empty, and logs have finite positions only.
-            let test = ks::test(&first.errors_m, &second.errors_m).ok()?;
-            Some(Comparison {
+pub fn compare(samples: &[Sample], settings: &ReportSettings) -> Compared {
+    let errors: Vec<&[f64]> = samples.iter().map(|sample| sample.errors_m.as_slice()).collect();
+    // Never an error: `sample::samples` leaves out what is empty, logs have finite positions only, and as many values
+    // as cannot be ranked would not have been held.
+    let Ok(pool) = Pool::of(&errors) else {
+        return Compared::default();
+    };
+    let procedure = Procedure {
+        method: settings.method,
+        ..Procedure::default()
+    };
+    let scenarios: Vec<&[Sample]> = samples.chunk_by(|a, b| a.scenario == b.scenario).collect();
+    // Which of them each sample is of.
+    let number: Vec<usize> = (0..)
+        .zip(&scenarios)
+        .flat_map(|(number, samples)| samples.iter().map(move |_| number))
+        .collect();
+    let is_listed = pairs_of(samples.len()) <= LISTED;
+
+    let rows = pool.pairs(procedure, |_, partners| {
+        let mut row = Row::default();
+        for (second, test) in partners {
+            let rejected = test.p < settings.alpha;
+            row.count(number[second], rejected, test.method != settings.method);
+            if is_listed {
+                row.tests.push(test);
+            }
+        }
+        row
+    });
+
+    let mut comparisons = Vec::with_capacity(rows.iter().map(|row| row.tests.len()).sum());
+    let mut counts: BTreeMap<(usize, usize), Count> = BTreeMap::new();
+    for (first, row) in rows.into_iter().enumerate() {
+        for (second, count) in row.counts {
+            counts.entry((number[first], second)).or_default().add(&count);
+        }
+        for (second, test) in (first + 1..).zip(row.tests) {
+            let (first, second) = (&samples[first], &samples[second]);
+            comparisons.push(Comparison {
                 a: first.scenario.clone(),
                 a_window: first.window,
                 b: second.scenario.clone(),
                 b_window: second.window,
-                rejected: test.p < alpha,
+                rejected: test.p < settings.alpha,
                 test,
-            })
-        })
-        .collect()
-}
-
-/// Counts the comparisons of each scenario with itself and with each other, in the order they first appear.
-#[must_use]
-pub fn tally(comparisons: &[Comparison]) -> Vec<Tally> {
-    let mut tallies: Vec<Tally> = Vec::new();
-    for comparison in comparisons {
-        let same = |tally: &&mut Tally| tally.a == comparison.a && tally.b == comparison.b;
-        let rejected = usize::from(comparison.rejected);
-        match tallies.iter_mut().find(same) {
-            Some(tally) => {
-                tally.pairs += 1;
-                tally.rejected += rejected;
-            }
-            None => tallies.push(Tally {
-                a: comparison.a.clone(),
-                b: comparison.b.clone(),
-                pairs: 1,
-                rejected,
-            }),
+            });
         }
     }
-    tallies
+    let letter = |number: usize| scenarios[number][0].scenario.clone();
+    let tallies = counts.into_iter().map(|((a, b), count)| Tally {
+        a: letter(a),
+        b: letter(b),
+        pairs: count.pairs,
+        rejected: count.rejected,
+        in_the_limit: count.in_the_limit,
+    });
+    Compared {
+        comparisons,
+        tallies: tallies.collect(),
+    }
+}
+
+/// How many pairs so many samples have.
+#[must_use]
+pub const fn pairs_of(samples: usize) -> usize {
+    samples * samples.saturating_sub(1) / 2
+}
+
+/// One sample's comparisons with the later ones.
+#[derive(Default)]
+struct Row {
+    /// If they are listed.
+    tests: Vec<KsTest>,
+    /// By the number of the other scenario, ascending.
+    counts: Vec<(usize, Count)>,
+}
+
+#[derive(Default)]
+struct Count {
+    pairs: usize,
+    rejected: usize,
+    in_the_limit: usize,
+}
+
+impl Row {
+    fn count(&mut self, scenario: usize, rejected: bool, in_the_limit: bool) {
+        let one = Count {
+            pairs: 1,
+            rejected: usize::from(rejected),
+            in_the_limit: usize::from(in_the_limit),
+        };
+        match self.counts.last_mut() {
+            Some((same, count)) if *same == scenario => count.add(&one),
+            _ => self.counts.push((scenario, one)),
+        }
+    }
+}
+
+impl Count {
+    fn add(&mut self, other: &Self) {
+        self.pairs += other.pairs;
+        self.rejected += other.rejected;
+        self.in_the_limit += other.in_the_limit;
+    }
 }

@@ -4,101 +4,183 @@
 //! share of all ways to deal the pooled values into samples of n and m whose distance is at least the observed one
 //! (Schröer and Trenkler, *Exact and randomization distributions of Kolmogorov-Smirnov tests two or three samples*,
 //! 1995), computed by the recursion of Viehmann (arXiv 2102.08037), which only ever adds positive terms: nothing
-//! cancels, and p = 1e-233 is as exact as p = 0.1. [`paths`] has the recursion, [`scaled`] the numbers that do not
-//! underflow. The main type is [`KsTest`], made by [`test`].
+//! cancels, and p = 1e-233 is as exact as p = 0.1.
+//!
+//! One test is [`Procedure::test`], or [`test`] for what is usual; all pairs of many samples are a [`Pool`]. [`paths`]
+//! has the recursion, [`scaled`] the numbers that do not underflow, [`limit`] the forms for large samples, [`tails`]
+//! decides which of them gives the p-value.
 
+mod distance;
+mod limit;
 mod numbers;
 mod paths;
+mod pool;
 mod scaled;
+mod tails;
 
-use std::f64::consts::{LN_10, PI};
-
-use serde::Serialize;
+use serde::{Deserialize, Serialize};
 
 pub use numbers::{NumbersError, read_numbers};
+pub use pool::{Partners, Pool};
 
-/// Cells of the recursion up to which the exact p-value is computed: a few seconds. n = m = 30 000 is within it at
-/// any distance, larger samples when they are as close as those are that the test does not tell apart at once.
-const EXACT_CELLS: u64 = 2_000_000_000;
-
-/// The result of a test.
-#[derive(Debug, Clone, PartialEq, Serialize)]
-pub struct KsTest {
-    /// Size of the first sample.
-    pub n: usize,
-    /// Size of the second sample.
-    pub m: usize,
-    /// The largest distance between the two empirical distribution functions: `h / lcm`.
-    pub d: f64,
-    /// Its numerator.
-    pub h: u64,
-    /// Its denominator, the least common multiple of n and m.
-    pub lcm: u64,
-    /// The two-sided p-value; 0 when it is below what a double can hold.
-    pub p: f64,
-    /// Its decimal logarithm, finite even then.
-    pub log10_p: f64,
-    /// How p was computed.
+/// What is asked of a test. By default the exact p-value, two-sided.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub struct Procedure {
+    /// How p is computed.
     pub method: Method,
+    /// Which distance counts.
+    pub alternative: Alternative,
 }
 
-/// How a p-value was computed. It decides verdicts, so it is printed with each.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
+/// How a p-value is computed. It decides verdicts, so it is printed with each.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Default, Serialize, Deserialize)]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 #[serde(rename_all = "lowercase")]
 pub enum Method {
-    /// Exact, conditional on the ties.
+    /// Exact, conditional on the ties; Kolmogorov's limit where that would take too long.
+    #[default]
     Exact,
     /// Kolmogorov's limit for large samples, which knows nothing of ties.
     Asymptotic,
+    /// The limit with Stephens's correction, as the usual tools computed it in the paper's time.
+    Paper,
 }
 
 impl Method {
+    /// All of them.
+    pub const ALL: [Self; 3] = [Self::Exact, Self::Asymptotic, Self::Paper];
+
     /// Its name in reports.
     #[must_use]
     pub const fn name(self) -> &'static str {
         match self {
             Self::Exact => "exact",
             Self::Asymptotic => "asymptotic",
+            Self::Paper => "paper",
         }
     }
 }
 
-/// Which of the two samples.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Which {
-    /// The first.
-    First,
-    /// The second.
-    Second,
+/// Which distance between the two distribution functions is tested.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Default, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum Alternative {
+    /// The larger one of both sides.
+    #[default]
+    TwoSided,
+    /// That by which the first's lies below the second's: the first's values are larger.
+    Less,
+    /// That by which the first's lies above the second's: the first's values are smaller.
+    Greater,
 }
 
-impl std::fmt::Display for Which {
-    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
-        f.write_str(match self {
-            Self::First => "first",
-            Self::Second => "second",
-        })
+impl Alternative {
+    /// All of them.
+    pub const ALL: [Self; 3] = [Self::TwoSided, Self::Less, Self::Greater];
+
+    /// Its name in reports, as SciPy and R call it.
+    #[must_use]
+    pub const fn name(self) -> &'static str {
+        match self {
+            Self::TwoSided => "two-sided",
+            Self::Less => "less",
+            Self::Greater => "greater",
+        }
     }
 }
 
-/// Why two samples cannot be compared.
+/// The result of a test.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize)]
+pub struct KsTest {
+    /// Size of the first sample.
+    pub n: usize,
+    /// Size of the second sample.
+    pub m: usize,
+    /// The distance that was tested: `h / lcm`.
+    pub d: f64,
+    /// Its numerator.
+    pub h: u64,
+    /// Its denominator, the least common multiple of n and m.
+    pub lcm: u64,
+    /// D⁺: how far the first's distribution function comes to lie above the second's.
+    pub above: Gap,
+    /// D⁻: how far it comes to lie below.
+    pub below: Gap,
+    /// The p-value; 0 when it is below what a double can hold.
+    pub p: f64,
+    /// Its decimal logarithm, finite even then.
+    pub log10_p: f64,
+    /// What was tested.
+    pub alternative: Alternative,
+    /// How p was computed.
+    pub method: Method,
+}
+
+/// The largest distance to one side.
+#[derive(Debug, Clone, Copy, PartialEq, Default, Serialize)]
+pub struct Gap {
+    /// In units of 1 / lcm.
+    pub h: u64,
+    /// The smallest value at which it is reached; none where the distance is 0.
+    pub at: Option<f64>,
+}
+
+impl KsTest {
+    /// The distance that was tested, negative where the first's distribution function lies below the second's, and the
+    /// value at which it is reached. Where both sides are as far, it is the one above.
+    #[must_use]
+    pub fn signed_d(&self) -> (f64, Option<f64>) {
+        let is_above = match self.alternative {
+            Alternative::TwoSided => self.above.h >= self.below.h,
+            Alternative::Greater => true,
+            Alternative::Less => false,
+        };
+        match is_above {
+            true => (self.d, self.above.at),
+            // Not −0.
+            false => (0.0 - self.d, self.below.at),
+        }
+    }
+}
+
+/// Which of the samples, from 0.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Ordinal(pub usize);
+
+impl std::fmt::Display for Ordinal {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        match self.0 {
+            0 => f.write_str("first"),
+            1 => f.write_str("second"),
+            later => write!(f, "{}.", later + 1),
+        }
+    }
+}
+
+/// Why samples cannot be compared.
 #[derive(Debug, Clone, Copy, PartialEq, thiserror::Error)]
 pub enum KsError {
     /// A sample without values.
     #[error("the {which} sample is empty")]
     Empty {
         /// Which.
-        which: Which,
+        which: Ordinal,
     },
     /// A value that is not a number or not finite.
     #[error("value {position} of the {which} sample is {value}, which has no place in an order")]
     NotFinite {
         /// Which.
-        which: Which,
+        which: Ordinal,
         /// Where, from 1.
         position: usize,
         /// What.
         value: f64,
+    },
+    /// More values than are counted here.
+    #[error("the samples have {values} values in all, and 4294967295 can be ranked")]
+    TooMany {
+        /// How many.
+        values: usize,
     },
 }
 
@@ -109,45 +191,48 @@ impl KsError {
         match self {
             Self::Empty { .. } => "a test needs at least one value on each side",
             Self::NotFinite { .. } => "remove the value, or find out what produced it",
+            Self::TooMany { .. } => "compare fewer samples at a time",
         }
     }
 }
 
-/// Compares two samples.
+/// Compares two samples: exactly, two-sided.
 ///
 /// # Errors
 /// When a sample is empty or has a value that is NaN or infinite.
 pub fn test(x: &[f64], y: &[f64]) -> Result<KsTest, KsError> {
-    let x = sorted(x, Which::First)?;
-    let y = sorted(y, Which::Second)?;
-    let steps = Steps::of(x.len() as u64, y.len() as u64);
-    let pooled = Pooled::of(&x, &y, steps);
-    let lcm = steps.of_x * x.len() as u64;
-    let d = pooled.h as f64 / lcm as f64;
-    let band = paths::Band {
-        n: x.len(),
-        m: y.len(),
-        step_x: steps.of_x,
-        step_y: steps.of_y,
-        h: pooled.h,
-    };
-    let exact = band.cells() <= EXACT_CELLS;
-    let (p, log10_p) = if exact {
-        band.share_leaving(&pooled.ends)
-    } else {
-        let (n, m) = (x.len() as f64, y.len() as f64);
-        kolmogorov_tail(d * (n * (m / (n + m))).sqrt())
-    };
-    Ok(KsTest {
-        n: x.len(),
-        m: y.len(),
-        d,
-        h: pooled.h,
-        lcm,
-        p,
-        log10_p,
-        method: if exact { Method::Exact } else { Method::Asymptotic },
-    })
+    Procedure::default().test(x, y)
+}
+
+impl Procedure {
+    /// Compares two samples.
+    ///
+    /// # Errors
+    /// When a sample is empty or has a value that is NaN or infinite.
+    pub fn test(self, x: &[f64], y: &[f64]) -> Result<KsTest, KsError> {
+        Ok(Pool::of(&[x, y])?.pair(0, 1, self))
+    }
+
+    /// The smallest p-value that samples of n and m can have, when all values of the one lie below all of the other. 1
+    /// when a sample is empty, since nothing can then be rejected.
+    #[must_use]
+    pub fn smallest_p(self, n: usize, m: usize) -> f64 {
+        let limit = match self.method {
+            Method::Exact => {
+                let two_sided = smallest_attainable_p(n, m);
+                return match self.alternative {
+                    Alternative::TwoSided => two_sided,
+                    Alternative::Less | Alternative::Greater => two_sided / 2.0,
+                };
+            }
+            Method::Asymptotic => limit::asymptotic,
+            Method::Paper => limit::paper,
+        };
+        match n.min(m) {
+            0 => 1.0,
+            _ => limit(n, m, 1.0, self.alternative).0,
+        }
+    }
 }
 
 /// The smallest p-value that samples of n and m without ties can have, when all values of the one lie below all of the
@@ -167,96 +252,6 @@ pub fn smallest_attainable_p(n: usize, m: usize) -> f64 {
         }
     }
     p.min(1.0)
-}
-
-fn sorted(values: &[f64], which: Which) -> Result<Vec<f64>, KsError> {
-    if values.is_empty() {
-        return Err(KsError::Empty { which });
-    }
-    if let Some(at) = values.iter().position(|value| !value.is_finite()) {
-        return Err(KsError::NotFinite {
-            which,
-            position: at + 1,
-            value: values[at],
-        });
-    }
-    let mut values = values.to_vec();
-    values.sort_by(f64::total_cmp);
-    Ok(values)
-}
-
-/// By how much one value of each sample moves the distance, in units of 1 / lcm.
-#[derive(Debug, Clone, Copy)]
-struct Steps {
-    of_x: u64,
-    of_y: u64,
-}
-
-impl Steps {
-    fn of(n: u64, m: u64) -> Self {
-        let (mut divisor, mut rest) = (n, m);
-        while rest != 0 {
-            (divisor, rest) = (rest, divisor % rest);
-        }
-        Self {
-            of_x: m / divisor,
-            of_y: n / divisor,
-        }
-    }
-}
-
-/// Two sorted samples merged.
-struct Pooled {
-    /// The distance, in units of 1 / lcm.
-    h: u64,
-    /// How many pooled values there are up to and including each distinct one: where the distance is looked at.
-    ends: Vec<usize>,
-}
-
-impl Pooled {
-    fn of(x: &[f64], y: &[f64], steps: Steps) -> Self {
-        let (mut i, mut j, mut h) = (0, 0, 0);
-        let mut ends = Vec::with_capacity(x.len() + y.len());
-        while let Some(value) = smaller(x.get(i), y.get(j)) {
-            i += x[i..].iter().take_while(|other| **other == value).count();
-            j += y[j..].iter().take_while(|other| **other == value).count();
-            h = h.max((i as u64 * steps.of_x).abs_diff(j as u64 * steps.of_y));
-            ends.push(i + j);
-        }
-        Self { h, ends }
-    }
-}
-
-fn smaller(a: Option<&f64>, b: Option<&f64>) -> Option<f64> {
-    match (a, b) {
-        (Some(a), Some(b)) => Some(a.min(*b)),
-        (one, other) => one.or(other).copied(),
-    }
-}
-
-/// P(K ≥ λ) of Kolmogorov's distribution and its decimal logarithm: the series in λ where it converges fast, its theta
-/// transform where λ is small.
-fn kolmogorov_tail(lambda: f64) -> (f64, f64) {
-    if lambda < 0.2 {
-        // The distribution function is below 1e-12 here.
-        return (1.0, 0.0);
-    }
-    if lambda < 1.0 {
-        let below: f64 = (1..=20)
-            .map(|k| (-f64::from(2 * k - 1).powi(2) * PI * PI / (8.0 * lambda * lambda)).exp())
-            .sum();
-        let p = (1.0 - (2.0 * PI).sqrt() / lambda * below).clamp(0.0, 1.0);
-        return (p, p.log10());
-    }
-    // 2 exp(-2λ²) times a series that is near 1: the logarithm stays finite.
-    let series: f64 = (1..=20)
-        .map(|k: i32| {
-            let sign = if k % 2 == 1 { 1.0 } else { -1.0 };
-            sign * (-2.0 * f64::from(k * k - 1) * lambda * lambda).exp()
-        })
-        .sum();
-    let ln_p = (2.0 * series).ln() - 2.0 * lambda * lambda;
-    (ln_p.exp().min(1.0), (ln_p / LN_10).min(0.0))
 }
 
 #[cfg(test)]

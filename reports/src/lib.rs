@@ -3,24 +3,42 @@
 //! ```text
 //! load(path) -> Run           reads the run directory; the only reading there is
 //! analyse(&Run, settings) -> Report     pure
-//! Report::markdown, json      pure
+//! Report::markdown, html, json      pure
 //! write(&Run, &Report)        the run directory's `report/`, and nothing else of it
 //! write_messages(path)        the captures' messages, into `report/messages/`
 //! ```
 
+pub mod anderson_darling;
+pub mod block_permutation;
 pub mod comparison;
+pub mod contrast;
+pub mod dependence;
+pub mod effect;
+pub mod energy;
+pub mod family;
 pub mod figure;
 pub mod health;
 pub mod ks;
+pub mod merged;
 pub mod messages;
+pub mod multiplicity;
 pub mod packets;
+pub mod permutation;
+pub mod power;
+pub mod relabelling;
 mod render;
 pub mod report;
 pub mod run;
 pub mod run_directory;
 pub mod sample;
+pub mod selftest;
 pub mod settings;
+pub mod shape;
+pub mod simulation;
+pub mod steadiness;
 pub mod table;
+mod verdict;
+pub mod within;
 mod writing;
 
 pub use report::{Report, analyse};

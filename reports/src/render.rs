@@ -1,13 +1,14 @@
 //! A report in each of its media. All of them are pure: report in, text or picture out.
 
 pub(crate) mod columns;
+mod html;
 mod json;
 mod latex;
 mod markdown;
 
 use serde_json::Value;
 
-use crate::report::Report;
+use crate::{figure::Figure, report::Report};
 
 impl Report {
     /// As Markdown, at most 80 columns wide unless a name is longer: for the terminal and for `report/tables.md`.
@@ -20,6 +21,12 @@ impl Report {
     #[must_use]
     pub fn latex(&self) -> String {
         latex::render(self)
+    }
+
+    /// As one page for a browser, with these figures in it.
+    #[must_use]
+    pub fn html(&self, figures: &[Figure]) -> String {
+        html::render(self, figures)
     }
 
     /// As JSON, the shape that `matrix report --json` prints.

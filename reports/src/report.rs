@@ -7,16 +7,22 @@ use serde_json::{Map, Value};
 use workload::record::window::Verdict;
 
 use crate::{
-    comparison::{Comparison, Tally, compare_all, tally},
+    comparison::{Compared, Comparison, LISTED, Tally, compare, pairs_of},
+    contrast::Contrasts,
+    family::Member,
     figure,
     health::Health,
-    ks::{Method, smallest_attainable_p},
+    ks::{Method, Procedure},
     run::{BrokenWindow, Ending, Run, ScenarioRun, Window, WindowState},
-    run_directory::{EnvironmentRecord, Outcome},
+    run_directory::{Difference, EnvironmentRecord, Outcome},
     sample::{Sample, samples},
     settings::ReportSettings,
     table::{self, Table},
+    within::WithinWindows,
 };
+
+/// The axis that the paper contrasts on each platform.
+pub(crate) const VIRTUALIZATION: &str = "virtualization";
 
 /// What a run showed.
 #[derive(Debug, Clone, PartialEq)]
@@ -31,10 +37,12 @@ pub struct Report {
     pub scenarios: Vec<ScenarioReport>,
     /// The samples, by scenario and window.
     pub samples: Vec<Sample>,
-    /// Every two windows compared.
+    /// Every two windows compared; empty if there are more of them than are listed.
     pub comparisons: Vec<Comparison>,
     /// The counts, of each scenario with itself and with each other.
     pub tallies: Vec<Tally>,
+    /// The pairs of the declared family, with the window as the unit.
+    pub contrasts: Contrasts,
     /// What a reader must know before believing the tables.
     pub remarks: Vec<String>,
     /// The paper's tables, and how well each platform held its schedule.
@@ -66,6 +74,8 @@ pub struct ScenarioReport {
     pub broken: Vec<BrokenWindow>,
     /// What its platform was, if it came so far.
     pub environment: Option<EnvironmentRecord>,
+    /// What its values within windows have to do with each other; none without a window that counts.
+    pub within: Option<WithinWindows>,
     /// How well its platform held the schedule; none without a window that counts.
     pub health: Option<Health>,
 }
@@ -191,8 +201,8 @@ pub(crate) fn text_of(value: &Value) -> String {
 #[must_use]
 pub fn analyse(run: &Run, settings: &ReportSettings) -> Report {
     let samples = samples(run, settings);
-    let comparisons = compare_all(&samples, settings.alpha);
-    let scenarios = run
+    let Compared { comparisons, tallies } = compare(&samples, settings);
+    let scenarios: Vec<ScenarioReport> = run
         .scenarios
         .iter()
         .map(|scenario| scenario_report(scenario, settings, &samples))
@@ -201,8 +211,9 @@ pub fn analyse(run: &Run, settings: &ReportSettings) -> Report {
         run: run.manifest.run.clone(),
         created: run.manifest.created.clone(),
         settings: settings.clone(),
+        contrasts: Contrasts::of(&family_pairs(&scenarios, settings), &samples, settings),
         scenarios,
-        tallies: tally(&comparisons),
+        tallies,
         samples,
         comparisons,
         remarks: Vec::new(),
@@ -213,6 +224,26 @@ pub fn analyse(run: &Run, settings: &ReportSettings) -> Report {
     report
 }
 
+/// The letters of the pairs that belong to the declared family.
+fn family_pairs<'a>(scenarios: &'a [ScenarioReport], settings: &ReportSettings) -> Vec<(&'a str, &'a str)> {
+    let member = |scenario: &'a ScenarioReport| Member {
+        id: &scenario.id,
+        slug: &scenario.slug,
+        is_control: scenario.is_control,
+        platform: scenario
+            .axes
+            .iter()
+            .filter(|(axis, _)| *axis != VIRTUALIZATION)
+            .map(|(axis, value)| (axis.as_str(), text_of(value)))
+            .collect(),
+    };
+    let members: Vec<Member<'a>> = scenarios.iter().map(member).collect();
+    let pairs = settings.family.pairs(&members).into_iter();
+    pairs
+        .filter_map(|(a, b)| Some((members.get(a)?.id, members.get(b)?.id)))
+        .collect()
+}
+
 impl Report {
     /// The count of two scenarios, in either order, or of one with itself; none if no two windows were compared.
     #[must_use]
@@ -220,6 +251,19 @@ impl Report {
         self.tallies
             .iter()
             .find(|tally| (tally.a == a && tally.b == b) || (tally.a == b && tally.b == a))
+    }
+
+    /// What is recorded to be different of two scenarios' environments; empty where one has no record.
+    #[must_use]
+    pub fn differences(&self, a: &str, b: &str) -> Vec<Difference> {
+        let environment = |id: &str| {
+            let scenario = self.scenarios.iter().find(|scenario| scenario.id == id);
+            scenario.and_then(|scenario| scenario.environment.as_ref())
+        };
+        environment(a)
+            .zip(environment(b))
+            .map(|(a, b)| a.differences(b))
+            .unwrap_or_default()
     }
 
     /// Whether some of the numbers were made up by the `fake` provider.
@@ -242,14 +286,14 @@ impl Report {
             1 => "the first period of each run left out".to_owned(),
             many => format!("the first {many} periods of each run left out"),
         };
-        let exact = self
-            .comparisons
-            .iter()
-            .all(|comparison| comparison.test.method == Method::Exact);
-        let test = if exact {
-            "exact given the ties"
-        } else {
-            "exact given the ties, asymptotic where `comparisons.csv` says so"
+        let in_the_limit: usize = self.tallies.iter().map(|tally| tally.in_the_limit).sum();
+        let test = match (self.settings.method, in_the_limit) {
+            (Method::Exact, 0) => "exact given the ties",
+            (Method::Exact, _) => "exact given the ties, asymptotic where `comparisons.csv` says so",
+            (Method::Asymptotic, _) => "p asymptotic (Kolmogorov's limit, ties not regarded)",
+            (Method::Paper, _) => {
+                "p as the paper's tools had it (limit with Stephens's correction, ties not regarded)"
+            }
         };
         format!(
             "Metric: {} over each period, in metres, {discarded}. Test: two-sample Kolmogorov-Smirnov, {test}; \
@@ -268,16 +312,11 @@ fn scenario_report(scenario: &ScenarioRun, settings: &ReportSettings, samples: &
             .find(|sample| sample.scenario == planned.id && sample.window == window);
         sample.map_or(0, |sample| sample.errors_m.len())
     };
-    let is_control = !settings.control.is_empty()
-        && settings
-            .control
-            .iter()
-            .all(|(axis, value)| planned.axis(axis).as_ref() == Some(value));
     ScenarioReport {
         id: planned.id.clone(),
         slug: planned.slug.clone(),
         axes: planned.axes.clone(),
-        is_control,
+        is_control: settings.is_control(planned),
         is_simulated: scenario.is_simulated(),
         standing,
         reason,
@@ -289,6 +328,7 @@ fn scenario_report(scenario: &ScenarioRun, settings: &ReportSettings, samples: &
             .collect(),
         broken: scenario.broken.clone(),
         environment: scenario.environment.clone(),
+        within: WithinWindows::of(scenario, samples, settings),
         health: Health::of(scenario),
     }
 }
@@ -366,9 +406,22 @@ fn remarks(report: &Report, cut_lines: &[usize]) -> Vec<String> {
             report.settings.alpha
         ));
     }
+    let pairs = pairs_of(report.samples.len());
+    if pairs > LISTED {
+        remarks.push(format!(
+            "{pairs} comparisons were made and counted. They are not listed one by one, since they are more than \
+             {LISTED}: `comparisons.csv` and `report.json` have none of them."
+        ));
+    }
     for name in figure::chosen_pairs(report).unknown {
         remarks.push(format!(
             "`report.figures` names `{name}`, which is no scenario's letter or slug."
+        ));
+    }
+    let names = report.settings.family.names();
+    for name in names.filter(|name| !report.scenarios.iter().any(|s| s.id == *name || s.slug == *name)) {
+        remarks.push(format!(
+            "`report.family` names `{name}`, which is no scenario's letter or slug."
         ));
     }
     for line in cut_lines {
@@ -381,11 +434,18 @@ fn remarks(report: &Report, cut_lines: &[usize]) -> Vec<String> {
 
 /// Sizes at which no pair of windows can be rejected, if there are any among the comparisons.
 fn hopeless(report: &Report) -> Option<(usize, usize, f64)> {
-    let sizes = report
-        .comparisons
+    let procedure = Procedure {
+        method: report.settings.method,
+        ..Procedure::default()
+    };
+    let mut sizes: Vec<usize> = report
+        .samples
         .iter()
-        .map(|comparison| (comparison.test.n, comparison.test.m));
-    sizes
-        .map(|(n, m)| (n, m, smallest_attainable_p(n, m)))
-        .find(|(_, _, p)| *p >= report.settings.alpha)
+        .map(|sample| sample.errors_m.len())
+        .collect();
+    // The fewer values, the larger the smallest p-value: the two smallest samples have the largest.
+    sizes.sort_unstable();
+    let &[n, m] = sizes.first_chunk()?;
+    let p = procedure.smallest_p(n, m);
+    (p >= report.settings.alpha).then_some((n, m, p))
 }

@@ -15,6 +15,7 @@
 mod control_trace;
 mod environment;
 mod journal;
+mod lines;
 mod manifest;
 mod plan;
 mod reading;
@@ -22,8 +23,8 @@ mod reading;
 use std::path::{Path, PathBuf};
 
 pub(crate) use control_trace::Expected;
-pub use control_trace::{ControlLogError, ControlTrace, Fault, PeriodError, PeriodPath};
-pub use environment::EnvironmentRecord;
+pub use control_trace::{ControlLogError, ControlTrace, Fault, PeriodError, PeriodPath, SLICES};
+pub use environment::{Difference, EnvironmentRecord};
 pub use journal::{Event, Journal, JournalEntry, Outcome, Resource};
 pub use manifest::{HostRecord, Manifest};
 pub use plan::{PlanRecord, PlannedScenario};

@@ -3,6 +3,9 @@
 use std::collections::BTreeMap;
 
 use serde::{Deserialize, Serialize};
+use workload::quantity::Length;
+
+use crate::{family::Family, ks::Method, run_directory::PlannedScenario};
 
 /// How samples are taken and compared. Printed with every table.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
@@ -11,6 +14,8 @@ use serde::{Deserialize, Serialize};
 pub struct ReportSettings {
     /// A comparison is rejected when its p-value is below this.
     pub alpha: f64,
+    /// How p-values are computed.
+    pub method: Method,
     /// What is averaged over each period.
     pub metric: Metric,
     /// Periods left out at the start of each run of the loop, where it begins with the transient.
@@ -20,16 +25,44 @@ pub struct ReportSettings {
     /// Pairs of scenarios to draw, by letter or slug; the controls against the others when left out.
     #[serde(skip_serializing_if = "Vec::is_empty")]
     pub figures: Vec<(String, String)>,
+    /// The pairs of scenarios that are asked about: p-values are adjusted for as many.
+    #[serde(skip_serializing_if = "Family::is_default")]
+    pub family: Family,
+    /// A shift of the error that is smaller does not matter; a verdict says so.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub matters: Option<Length>,
+    /// Seed of the relabellings and resamples that are drawn where there are too many to look at each.
+    #[serde(skip_serializing_if = "is_zero")]
+    pub seed: u64,
+}
+
+/// Settings that an earlier version does not know are written only where they are used.
+#[expect(clippy::trivially_copy_pass_by_ref, reason = "serde passes a reference")]
+fn is_zero(seed: &u64) -> bool {
+    *seed == 0
+}
+
+impl ReportSettings {
+    /// Whether a scenario is one of the experimental controls.
+    #[must_use]
+    pub fn is_control(&self, scenario: &PlannedScenario) -> bool {
+        let mut axes = self.control.iter();
+        !self.control.is_empty() && axes.all(|(axis, value)| scenario.axis(axis).as_ref() == Some(value))
+    }
 }
 
 impl Default for ReportSettings {
     fn default() -> Self {
         Self {
             alpha: 0.001,
+            method: Method::Exact,
             metric: Metric::MeanAbsSum,
             discard_periods: 1,
             control: BTreeMap::from([("virtualization".to_owned(), "native".to_owned())]),
             figures: Vec::new(),
+            family: Family::default(),
+            matters: None,
+            seed: 0,
         }
     }
 }

@@ -2,9 +2,12 @@
 //! against each other and the virtualizations against each other on each platform, (3) each virtualized scenario against
 //! each control. A cell without data says so; it is never a zero. The main type is [`Table`].
 
+mod contrasts;
+mod differences;
 mod platforms;
 mod releases;
 mod schedule;
+mod within;
 
 use std::collections::BTreeSet;
 
@@ -47,8 +50,11 @@ const NOT_INDEPENDENT: &str = "The pairs of a count share their windows: with fo
 
 /// All tables of a report.
 pub(crate) fn all(report: &Report) -> Vec<Table> {
-    let mut tables = vec![within(report), platforms::contrasts(report)];
+    let mut tables = vec![within_scenarios(report), platforms::contrasts(report)];
     tables.extend(platforms::against_controls(report));
+    tables.extend(contrasts::of(report));
+    tables.extend(differences::of(report));
+    tables.push(within::of(report));
     tables.push(schedule::of(report));
     tables.extend(releases::of(report));
     tables
@@ -64,7 +70,7 @@ fn texts(columns: &[(&str, bool)]) -> Vec<Column> {
         .collect()
 }
 
-fn within(report: &Report) -> Table {
+fn within_scenarios(report: &Report) -> Table {
     let rows = report
         .scenarios
         .iter()

@@ -31,9 +31,9 @@ pub enum WriteError {
         source: io::Error,
     },
     /// A table of numbers could not be encoded.
-    #[error("{name} cannot be encoded")]
+    #[error("the table {name} cannot be encoded")]
     Columns {
-        /// The file.
+        /// The table.
         name: &'static str,
         /// Why.
         source: PolarsError,
@@ -67,6 +67,7 @@ pub fn write(run: &Run, report: &Report) -> Result<(), WriteError> {
     let mut files: Vec<(PathBuf, Vec<u8>)> = vec![
         ("tables.md".into(), report.markdown().into_bytes()),
         ("tables.tex".into(), report.latex().into_bytes()),
+        ("report.html".into(), report.html(&figures).into_bytes()),
         (
             "report.json".into(),
             format!("{:#}\n", report.json()).into_bytes(),
@@ -88,28 +89,27 @@ pub fn write(run: &Run, report: &Report) -> Result<(), WriteError> {
     remove_other_figures(&drawings, &names)
 }
 
-fn column_files(report: &Report) -> Result<[(PathBuf, Vec<u8>); 4], WriteError> {
-    let fail = |name| move |source| WriteError::Columns { name, source };
-    let mut comparisons = columns::comparisons(report).map_err(fail("comparisons.csv"))?;
-    let mut samples = columns::samples(report).map_err(fail("samples.csv"))?;
-    Ok([
-        (
-            "comparisons.csv".into(),
-            columns::csv(&mut comparisons).map_err(fail("comparisons.csv"))?,
-        ),
-        (
-            "comparisons.parquet".into(),
-            columns::parquet(&mut comparisons).map_err(fail("comparisons.parquet"))?,
-        ),
-        (
-            "samples.csv".into(),
-            columns::csv(&mut samples).map_err(fail("samples.csv"))?,
-        ),
-        (
-            "samples.parquet".into(),
-            columns::parquet(&mut samples).map_err(fail("samples.parquet"))?,
-        ),
-    ])
+/// Each table of numbers as CSV and as Parquet.
+fn column_files(report: &Report) -> Result<Vec<(PathBuf, Vec<u8>)>, WriteError> {
+    let tables = [
+        ("comparisons", columns::comparisons(report)),
+        ("contrasts", columns::contrasts(report)),
+        ("samples", columns::samples(report)),
+    ];
+    let mut files = Vec::new();
+    for (name, table) in tables {
+        let fail = |source| WriteError::Columns { name, source };
+        let mut table = table.map_err(fail)?;
+        files.push((
+            format!("{name}.csv").into(),
+            columns::csv(&mut table).map_err(fail)?,
+        ));
+        files.push((
+            format!("{name}.parquet").into(),
+            columns::parquet(&mut table).map_err(fail)?,
+        ));
+    }
+    Ok(files)
 }
 
 /// A reader sees the old file or the new one, never a part.

@@ -13,7 +13,29 @@ use nix::{
 };
 use tempfile::TempDir;
 
-use crate::{Ran, sshd::wait_until};
+use crate::{Ran, Workplace, sshd::wait_until};
+
+/// The containers, then the volumes, of the one run that the engine which all share has.
+///
+/// # Panics
+/// When it does not answer.
+#[must_use]
+pub fn on_the_engine(workplace: &Workplace) -> Vec<String> {
+    let run_directory = workplace.run_directory();
+    let filter = format!("label=matrix.run-directory={}", run_directory.display());
+    let kinds: [&[&str]; 2] = [&["ps", "--all"], &["volume", "ls"]];
+    let mut found = Vec::new();
+    for kind in kinds {
+        let listed = Command::new("docker")
+            .args(kind)
+            .args(["--quiet", "--filter", &filter])
+            .output()
+            .expect("docker starts");
+        assert!(listed.status.success(), "{listed:?}");
+        found.extend(String::from_utf8_lossy(&listed.stdout).lines().map(str::to_owned));
+    }
+    found
+}
 
 /// The engine, until it is dropped, and its containers with it.
 #[derive(Debug)]

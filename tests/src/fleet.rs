@@ -31,13 +31,13 @@ impl Fleet {
         })
     }
 
-    /// The matrix over all three machines: natively, in Docker and in virtual machines. `workload` are further lines of
-    /// its section.
+    /// A matrix over all three machines: these virtualizations, as a list of YAML's; `workload` are further lines of its
+    /// section, `providers` of that.
     ///
     /// Emulated processors hold 20 control steps a second. libvirt is told to emulate too, as it would take KVM, which
     /// not every machine has.
     #[must_use]
-    pub fn matrix(&self, workload: &str) -> String {
+    pub fn matrix(&self, virtualizations: &str, workload: &str, providers: &str) -> String {
         format!(
             "\
 hosts:
@@ -51,14 +51,14 @@ hosts:
     os: debian-12
     connect: {}
 matrix:
-  virtualization: [native, docker, libvirt]
+  virtualization: {virtualizations}
 workload:
   rate: 20Hz
 {workload}\
 providers:
   libvirt:
     options: {{driver: qemu, cpu_mode: custom, cpu_model: qemu64, graphics_type: none, video_type: none}}
-",
+{providers}",
             self.arm.connect(),
             self.old.connect()
         )

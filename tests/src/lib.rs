@@ -8,6 +8,8 @@ pub mod engine;
 mod fleet;
 mod guest;
 pub mod killed;
+mod macos;
+mod program;
 pub mod sshd;
 mod there;
 pub mod virtual_time;
@@ -33,6 +35,7 @@ use tempfile::TempDir;
 pub use crate::{
     fleet::Fleet,
     guest::{AARCH64, DEBIAN_12, Guest, I686, Model},
+    macos::MacOs,
     there::There,
     workload::{network_probe, workload_binary, workloads_for},
 };

@@ -28,6 +28,8 @@ const PORTS_TO_TRY: usize = 5;
 pub struct Sshd {
     folder: TempDir,
     options: String,
+    /// More of what a login there has: words of `SetEnv`.
+    surroundings: String,
     port: u16,
     server: Option<Child>,
 }
@@ -48,6 +50,15 @@ impl Sshd {
     /// As [`Sshd::start`].
     #[must_use]
     pub fn with(options: &str) -> Self {
+        Self::in_surroundings("", options)
+    }
+
+    /// Starts one whose logins have some more variables, as `SetEnv` takes them.
+    ///
+    /// # Panics
+    /// As [`Sshd::start`].
+    #[must_use]
+    pub fn in_surroundings(variables: &str, options: &str) -> Self {
         let folder = TempDir::with_prefix("matrix-sshd-").expect("a folder for sshd");
         make_key(&folder.path().join("host_ed25519"), "ed25519", "");
         make_key(&folder.path().join("host_rsa"), "rsa", "");
@@ -60,6 +71,7 @@ impl Sshd {
         let mut sshd = Self {
             folder,
             options: options.to_owned(),
+            surroundings: variables.to_owned(),
             port: 0,
             server: None,
         };
@@ -206,12 +218,14 @@ impl Sshd {
         let configuration = format!(
             "{}\nListenAddress 127.0.0.1\nPort {}\nHostKey {}\nHostKey {}\nAuthorizedKeysFile {}\nPidFile none\n\
              UsePAM no\nStrictModes no\nPermitRootLogin prohibit-password\nPasswordAuthentication no\n\
-             KbdInteractiveAuthentication no\nLogLevel VERBOSE\nMaxStartups 100\nSetEnv MATRIX_STATE_DIR={} MATRIX_LEASE={}\n",
+             KbdInteractiveAuthentication no\nLogLevel VERBOSE\nMaxStartups 100\nSetEnv {} MATRIX_STATE_DIR={} \
+             MATRIX_LEASE={}\n",
             self.options,
             self.port,
             file("host_ed25519"),
             file("host_rsa"),
             file("authorized_keys"),
+            self.surroundings,
             file("state"),
             file("lease"),
         );
@@ -243,7 +257,8 @@ impl Sshd {
         serves
     }
 
-    fn stop(&mut self) {
+    /// Ends the server and its connections, as if the host were switched off.
+    pub fn stop(&mut self) {
         self.cut();
         if let Some(mut server) = self.server.take() {
             // It may have ended already.

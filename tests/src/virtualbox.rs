@@ -3,19 +3,16 @@
 
 use std::{
     ffi::OsString,
-    os::unix::fs::PermissionsExt as _,
     path::{Path, PathBuf},
     process::Command,
 };
 
-use crate::Workplace;
+use crate::program;
 
 /// The box of `tests/virtualbox`, and how VirtualBox runs its machines without a kernel module. Their clock goes at a fifth
 /// of the speed, so that a second of theirs has five times the instructions. VirtualBox's additions to the guest are for
 /// shared folders, which nobody uses.
-pub const PROVIDER: &str = "\
-providers:
-  virtualbox:
+pub const PROVIDER: &str = "  virtualbox:
     box: matrix/virtualbox
     memory: 256MiB
     cpus: 1
@@ -31,17 +28,37 @@ providers:
 
 /// A VirtualBox of one test, with the `vagrant` and `VBoxManage` that reach it.
 pub struct VirtualBox {
-    home: PathBuf,
     programs: PathBuf,
 }
 
+/// Two Vagrants as one: that of the machine, and the one beside VirtualBox for its machines. Both have boxes.
+const VAGRANT: &str = r#"#!/bin/sh
+beside() { HOME="$home" "$enter" "$folder" vagrant "$@"; }
+own=$(PATH=${PATH#"$programs":} command -v vagrant)
+case $* in
+    *"box list"*)
+        beside "$@"
+        [ -z "$own" ] || "$own" "$@"
+        exit ;;
+esac
+if [ -z "$own" ] || grep -q '"provider": *"virtualbox"' "$VAGRANT_CWD/machine.json" 2>/dev/null; then
+    beside "$@"
+else
+    exec "$own" "$@"
+fi
+"#;
+const VBOXMANAGE: &str = r#"#!/bin/sh
+HOME="$home" exec "$enter" "$folder" VBoxManage "$@"
+"#;
+
 impl VirtualBox {
-    /// Its machines and settings are in the workplace. `tests/prepare` has made the root; where it has not, this does.
+    /// Its machines and settings are below a folder, where `matrix` must have its state, too. `tests/prepare` has made the
+    /// root; where it has not, this does.
     ///
     /// # Panics
     /// When the root cannot be made.
     #[must_use]
-    pub fn in_workplace(workplace: &Workplace) -> Self {
+    pub fn below(home: &Path) -> Self {
         let scripts = Path::new(env!("CARGO_MANIFEST_DIR")).join("virtualbox");
         let built = Command::new(scripts.join("build"))
             .output()
@@ -52,21 +69,19 @@ impl VirtualBox {
             String::from_utf8_lossy(&built.stderr)
         );
         let folder = String::from_utf8_lossy(&built.stdout).trim().to_owned();
-        let home = workplace.path().to_owned();
         let programs = home.join("programs");
-        std::fs::create_dir(&programs).expect("the workplace can be written");
-        for program in ["vagrant", "VBoxManage"] {
-            let file = programs.join(program);
-            let enter = scripts.join("enter");
-            let script = format!(
-                "#!/bin/sh\nexec '{}' '{folder}' {program} \"$@\"\n",
-                enter.display()
-            );
-            std::fs::write(&file, script).expect("the workplace can be written");
-            std::fs::set_permissions(&file, std::fs::Permissions::from_mode(0o755))
-                .expect("the workplace can be written");
+        std::fs::create_dir(&programs).expect("the folder can be written");
+        let places = format!(
+            "home='{}' enter='{}' folder='{folder}' programs='{}'\n",
+            home.display(),
+            scripts.join("enter").display(),
+            programs.display(),
+        );
+        for (name, script) in [("vagrant", VAGRANT), ("VBoxManage", VBOXMANAGE)] {
+            let script = script.replacen('\n', &format!("\n{places}"), 1);
+            program::write(&programs, name, &script);
         }
-        Self { home, programs }
+        Self { programs }
     }
 
     /// The same command on a machine that has this VirtualBox and its Vagrant.
@@ -74,7 +89,7 @@ impl VirtualBox {
         let mut path = OsString::from(&self.programs);
         path.push(":");
         path.push(std::env::var_os("PATH").unwrap_or_default());
-        command.env("PATH", path).env("HOME", &self.home);
+        command.env("PATH", path);
         command
     }
 

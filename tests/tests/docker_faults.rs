@@ -5,7 +5,12 @@ use std::process::Command;
 
 use rstest::rstest;
 use serde_json::Value;
-use tests::{Ran, WHOLE_WINDOWS_COUNT, Workplace, engine::Engine, is_whole, sshd::Sshd};
+use tests::{
+    Ran, WHOLE_WINDOWS_COUNT, Workplace,
+    engine::{Engine, on_the_engine},
+    is_whole,
+    sshd::Sshd,
+};
 
 fn matrix(hosts: &str, windows: usize, window: &str) -> String {
     format!(
@@ -29,25 +34,6 @@ fn outcome(workplace: &Workplace) -> Value {
 
 fn resume(workplace: &Workplace) -> Ran {
     workplace.run(&["resume", workplace.run_directory().to_str().unwrap()])
-}
-
-/// The containers and volumes of the one run that the common engine has.
-fn on_the_engine(workplace: &Workplace) -> String {
-    let filter = format!(
-        "label=matrix.run-directory={}",
-        workplace.run_directory().display()
-    );
-    let kinds: [&[&str]; 2] = [&["ps", "--all"], &["volume", "ls"]];
-    let listed = kinds.map(|kind| {
-        let listed = Command::new("docker")
-            .args(kind)
-            .args(["--quiet", "--filter", &filter])
-            .output()
-            .unwrap();
-        assert!(listed.status.success(), "{listed:?}");
-        String::from_utf8(listed.stdout).unwrap()
-    });
-    listed.concat()
 }
 
 #[test]
@@ -104,7 +90,7 @@ fn a_container_that_is_killed_in_a_window_keeps_the_windows_before_and_says_so()
     let mut running = workplace.start(&["run", "m.yaml"]);
     running.wait_for("window 1 complete");
     let there = on_the_engine(&workplace);
-    let container = there.lines().next().unwrap();
+    let container = there.first().unwrap();
     let killed = Command::new("docker").args(["kill", container]).output().unwrap();
     assert!(killed.status.success(), "{killed:?}");
     let ran = running.end();
@@ -114,7 +100,7 @@ fn a_container_that_is_killed_in_a_window_keeps_the_windows_before_and_says_so()
     assert_eq!(errored["outcome"], "errored", "{errored:#}");
     let reason = errored["reason"].as_str().unwrap();
     assert!(reason.contains("killed by signal 9"), "{errored:#}");
-    assert_eq!(on_the_engine(&workplace), "");
+    assert_eq!(on_the_engine(&workplace), Vec::<String>::new());
     assert_eq!(resume(&workplace).code, Some(0));
     assert_eq!(whole_windows(&workplace), [1, 2, 3]);
 }
@@ -139,7 +125,7 @@ fn windows_on_an_engine_behind_ssh_are_whole_though_the_connection_is_cut_in_one
     assert_eq!(ran.code, Some(0), "{ran:?}");
     assert_eq!(whole_windows(&workplace), [1, 2]);
     workplace.assert_lines_came_once();
-    assert_eq!(on_the_engine(&workplace), "");
+    assert_eq!(on_the_engine(&workplace), Vec::<String>::new());
 }
 
 #[test]

@@ -3,6 +3,7 @@
 use std::{fs::File, io::Write as _, path::PathBuf, process::Command, time::Duration};
 
 use rstest::rstest;
+use serde_json::Value;
 use tests::{
     Guest, There, WHOLE_WINDOWS_COUNT, Workplace, is_whole,
     killed::{go_on_whole, kill_at},
@@ -31,6 +32,15 @@ fn windows_are_whole_though_the_connection_is_cut_in_one() {
     assert!((1..=2).all(|window| is_whole(&scenario.join(format!("window-{window}")))));
     workplace.assert_lines_came_once();
     assert_eq!(there.environments(), Vec::<String>::new());
+}
+
+/// The one scenario, of which window 1 was kept though it could not go on.
+fn errored_with_one_window(workplace: &Workplace) -> Value {
+    let status = workplace.json(&["status", workplace.run_directory().to_str().unwrap()]);
+    let scenario = &status["scenarios"][0];
+    assert_eq!(scenario["state"], "errored", "{status:#}");
+    assert_eq!(scenario["windows_collected"], 1, "{status:#}");
+    scenario.clone()
 }
 
 /// A disk of its own for the state folder there, until it is dropped.
@@ -80,17 +90,12 @@ fn a_disk_that_fills_up_in_a_window_ends_the_scenario_and_keeps_the_windows_befo
     disk.fill();
     let ran = running.end();
     assert_eq!(ran.code, Some(3), "{ran:?}");
-    let directory = workplace.run_directory();
-    let directory = directory.to_str().unwrap();
-    let status = workplace.json(&["status", directory]);
-    let scenario = &status["scenarios"][0];
-    assert_eq!(scenario["state"], "errored", "{status:#}");
-    assert_eq!(scenario["windows_collected"], 1, "{status:#}");
+    let scenario = errored_with_one_window(&workplace);
     let reason = scenario["reason"].as_str().unwrap();
     assert!(reason.contains("No space left on device"), "{reason}");
 
     std::fs::remove_file(disk.filler()).unwrap();
-    let resumed = workplace.run(&["resume", directory]);
+    let resumed = workplace.run(&["resume", workplace.run_directory().to_str().unwrap()]);
     assert_eq!(resumed.code, Some(0), "{resumed:?}");
     assert_eq!(there.environments(), Vec::<String>::new());
 }
@@ -167,14 +172,9 @@ fn a_host_that_reboots_in_a_window_is_an_error_with_the_windows_before_and_can_b
     guest.reboot();
     let ran = running.end();
     assert_eq!(ran.code, Some(3), "{ran:?}");
-    let directory = workplace.run_directory();
-    let directory = directory.to_str().unwrap();
-    let status = workplace.json(&["status", directory]);
-    let scenario = &status["scenarios"][0];
-    assert_eq!(scenario["state"], "errored", "{status:#}");
-    assert_eq!(scenario["windows_collected"], 1, "{status:#}");
+    errored_with_one_window(&workplace);
 
-    let resumed = workplace.run(&["resume", directory]);
+    let resumed = workplace.run(&["resume", workplace.run_directory().to_str().unwrap()]);
     assert_eq!(resumed.code, Some(0), "{resumed:?}");
     assert!(both_are_whole(&workplace));
 }

@@ -122,17 +122,65 @@ fn a_host_that_another_matrix_measures_on_is_waited_for() {
 }
 
 #[test]
-fn a_host_that_does_not_answer_is_told_with_what_to_do_and_the_others_are_measured() {
+fn a_host_that_does_not_answer_is_tried_all_the_same_and_resumed_when_it_is_back() {
     let workplace = Workplace::measuring();
-    let there = There::start();
+    let mut there = There::start();
     workplace.write("m.yaml", two_hosts(&there));
-    drop(there);
+    there.sshd.stop();
     let plan = workplace.json(&["plan", "m.yaml"]);
-    let scenarios = plan["scenarios"].as_array().unwrap();
-    assert_eq!(scenarios[0]["feasible"], true, "{plan:#}");
-    let silent = scenarios.iter().find(|it| it["feasible"] == false).unwrap();
-    assert!(silent["reason"].as_str().unwrap().contains("there"), "{silent:#}");
-    assert!(silent["fix"].is_string(), "{silent:#}");
+    assert_eq!(plan["order"].as_array().unwrap().len(), 2, "{plan:#}");
+    let warning = &plan["warnings"][0];
+    assert_eq!(warning["code"], "silent-host", "{plan:#}");
+    assert_eq!(warning["line"], 3, "{plan:#}");
+    assert!(
+        warning["message"]
+            .as_str()
+            .unwrap()
+            .contains("`there` cannot be asked"),
+        "{plan:#}"
+    );
+
+    let ran = workplace.run(&["run", "m.yaml"]);
+    assert_eq!(ran.code, Some(3), "{ran:?}");
+    let run = workplace.run_directory();
+    let run = run.to_str().unwrap();
+    let states = || {
+        let status = workplace.json(&["status", run]);
+        let scenarios = status["scenarios"].as_array().unwrap().iter();
+        scenarios
+            .map(|it| it["state"].as_str().unwrap().to_owned())
+            .collect::<Vec<_>>()
+    };
+    assert_eq!(states(), ["completed", "errored"], "{ran:?}");
+
+    there.sshd.restart();
+    let resumed = workplace.run(&["resume", run]);
+    assert_eq!(resumed.code, Some(0), "{resumed:?}");
+    assert_eq!(states(), ["completed", "completed"]);
+}
+
+#[test]
+fn a_host_that_is_another_than_the_file_says_is_an_error_at_its_place() {
+    let workplace = Workplace::new();
+    let there = There::start();
+    workplace.write(
+        "m.yaml",
+        format!(
+            "hosts:\n  there:\n    hardware: riscv64\n    os: linux\n    connect: {}\nmatrix: {{}}\n",
+            there.connect()
+        ),
+    );
+    for command in ["plan", "run"] {
+        let ran = workplace.run(&[command, "m.yaml"]);
+        assert_eq!(ran.code, Some(2), "{ran:?}");
+        assert!(
+            ran.err
+                .contains("the file says `hardware: riscv64` of host `there`, which is `"),
+            "{ran:?}"
+        );
+        assert!(ran.err.contains("m.yaml:3:15"), "{ran:?}");
+        assert!(ran.err.contains("write `hardware: "), "{ran:?}");
+    }
 }
 
 #[test]

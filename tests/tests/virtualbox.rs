@@ -17,7 +17,7 @@ workload:
 #[test]
 fn a_machine_of_virtualbox_is_made_measured_in_reported_and_removed() {
     let workplace = Workplace::measuring();
-    let virtualbox = VirtualBox::in_workplace(&workplace);
+    let virtualbox = VirtualBox::below(workplace.path());
     let run = |arguments: &[&str]| {
         Ran::of(
             virtualbox
@@ -33,7 +33,7 @@ fn a_machine_of_virtualbox_is_made_measured_in_reported_and_removed() {
     workplace.write(
         "m.yaml",
         format!(
-            "matrix: {{virtualization: [virtualbox]}}\n{WORKLOAD}{}",
+            "matrix: {{virtualization: [virtualbox]}}\n{WORKLOAD}providers:\n{}",
             tests::virtualbox::PROVIDER
         ),
     );

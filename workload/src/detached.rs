@@ -21,6 +21,7 @@ mod lease;
 mod list;
 mod platform;
 mod process;
+mod receive;
 mod remove;
 mod start;
 mod stop;
@@ -35,7 +36,12 @@ use std::{
 
 use clap::{Args, Subcommand};
 
-pub use self::{error::DetachedError, folder::EnvironmentFolder};
+pub use self::{
+    collect::send,
+    error::DetachedError,
+    folder::EnvironmentFolder,
+    receive::{Receiver, receive},
+};
 use crate::{causes::with_causes, quantity::TimeSpan, record::detached::Failure};
 
 const FAILED: u8 = 1;

@@ -1,8 +1,9 @@
-//! Numbers with their units, as people write them: `6000s`, `10ms`, `50Hz`, `1%`, `10Mbit`, `96B`.
+//! Numbers with their units, as people write them: `6000s`, `10ms`, `50Hz`, `1%`, `10Mbit`, `96B`, `2mm`.
 //!
 //! A quantity is parsed from text and written back as text, so that the matrix file, the manifest and the workload's
 //! settings show one and the same spelling. A number without a unit is refused: `delay: 10` has cost people a
-//! campaign before. The main types are [`TimeSpan`], [`Frequency`], [`Fraction`], [`BitRate`] and [`Bytes`].
+//! campaign before. The main types are [`TimeSpan`], [`Frequency`], [`Fraction`], [`BitRate`],
+//! [`Bytes`] and [`Length`].
 
 use std::{fmt, str::FromStr, time::Duration};
 
@@ -386,6 +387,41 @@ text_forms!(
     r"^[0-9][0-9_]*(\.[0-9]+)?\s*(bit|kbit|Mbit|Gbit)$"
 );
 
+const LENGTH: Kind = Kind {
+    what: "a length",
+    example: "2mm",
+    // Kept in micrometres, so that `2mm` reads back as `2mm`.
+    units: &[("um", 1.0), ("mm", 1e3), ("cm", 1e4), ("m", 1e6)],
+};
+
+/// A length in space.
+#[derive(Debug, Clone, Copy, PartialEq, PartialOrd)]
+pub struct Length(f64);
+
+impl Length {
+    /// From millimetres.
+    #[must_use]
+    pub const fn from_millimetres(millimetres: f64) -> Self {
+        Self(millimetres * 1e3)
+    }
+
+    /// In metres.
+    #[must_use]
+    pub fn metres(self) -> f64 {
+        self.0 / 1e6
+    }
+
+    fn in_base_unit(self) -> f64 {
+        self.0
+    }
+
+    fn from_base_unit(micrometres: f64) -> Option<Self> {
+        (micrometres > 0.0 && micrometres <= 1e9).then_some(Self(micrometres))
+    }
+}
+
+text_forms!(Length, LENGTH, r"^[0-9][0-9_]*(\.[0-9]+)?\s*(um|mm|cm|m)$");
+
 const BYTES: Kind = Kind {
     what: "a size",
     example: "512MiB",
@@ -428,6 +464,18 @@ text_forms!(Bytes, BYTES, r"^[0-9][0-9_]*(\.[0-9]+)?\s*(B|KiB|MiB|GiB)$");
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[rstest::rstest]
+    #[case("2mm", 0.002)]
+    #[case("1.5 cm", 0.015)]
+    #[case("250um", 0.00025)]
+    #[case("1m", 1.0)]
+    fn lengths_are_read_in_metres_and_read_back(#[case] text: &str, #[case] metres: f64) {
+        let length: Length = text.parse().unwrap();
+        assert_eq!(length.metres(), metres);
+        assert_eq!(length.to_string().parse::<Length>().unwrap(), length);
+        assert!("0mm".parse::<Length>().is_err() && "2".parse::<Length>().is_err());
+    }
 
     #[rstest::rstest]
     #[case("6000s", 6_000_000_000_000)]

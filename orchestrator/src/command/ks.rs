@@ -2,8 +2,8 @@
 
 use std::path::{Path, PathBuf};
 
-use clap::Args;
-use reports::ks;
+use clap::{Args, builder::PossibleValuesParser, builder::TypedValueParser as _};
+use reports::ks::{self, Alternative, Method, Procedure};
 use serde_json::json;
 
 use crate::{
@@ -19,6 +19,13 @@ pub struct KsArguments {
     x: PathBuf,
     /// The other.
     y: PathBuf,
+    /// How p is computed: exactly given the ties; in Kolmogorov's limit; or as the paper's tools did.
+    #[arg(long, value_name = "HOW", default_value = "exact", value_parser = methods())]
+    method: Method,
+    /// Which distance is tested, as SciPy and R call it: `greater` is that by which X's distribution function lies above
+    /// Y's, as where X's values are smaller.
+    #[arg(long, value_name = "SIDE", default_value = "two-sided", value_parser = alternatives())]
+    alternative: Alternative,
     #[command(flatten)]
     pub(crate) output: OutputArguments,
 }
@@ -30,20 +37,30 @@ pub struct KsArguments {
 pub fn execute(arguments: &KsArguments) -> Result<Exit, Complaint> {
     let x = read(&arguments.x)?;
     let y = read(&arguments.y)?;
-    let test = ks::test(&x, &y)
+    let procedure = Procedure {
+        method: arguments.method,
+        alternative: arguments.alternative,
+    };
+    let test = procedure
+        .test(&x, &y)
         .map_err(|error| Complaint::new(Exit::Wrong, &error, Some(error.hint().to_owned())))?;
+    let (signed_d, at) = test.signed_d();
     if arguments.output.json {
-        terminal::json(&json!(test));
+        let mut record = json!(test);
+        record["signed_d"] = json!(signed_d);
+        record["at"] = json!(at);
+        terminal::json(&record);
     } else {
+        let place = at.map_or(String::new(), |at| format!(" at {at}"));
         terminal::result(&format!(
-            "D = {:.6} ({}/{}), n = {}, m = {}, p = {:.6e} (log10 p = {:.4}), method {}",
-            test.d,
+            "D = {signed_d:+.6} ({}/{}){place}, n = {}, m = {}, p = {:.6e} (log10 p = {:.4}), {}, method {}",
             test.h,
             test.lcm,
             test.n,
             test.m,
             test.p,
             test.log10_p,
+            test.alternative.name(),
             test.method.name()
         ));
     }
@@ -59,4 +76,15 @@ fn read(path: &Path) -> Result<Vec<f64>, Complaint> {
     let text = std::fs::read_to_string(path)
         .map_err(|error| wrong(error.to_string(), "give a text file with one number a line"))?;
     ks::read_numbers(&text).map_err(|error| wrong(error.to_string(), error.hint()))
+}
+
+fn methods() -> impl clap::builder::TypedValueParser<Value = Method> {
+    let named = |name: String| Method::ALL.into_iter().find(|method| method.name() == name);
+    PossibleValuesParser::new(Method::ALL.map(Method::name)).map(move |name| named(name).unwrap_or_default())
+}
+
+fn alternatives() -> impl clap::builder::TypedValueParser<Value = Alternative> {
+    let named = |name: String| Alternative::ALL.into_iter().find(|one| one.name() == name);
+    PossibleValuesParser::new(Alternative::ALL.map(Alternative::name))
+        .map(move |name| named(name).unwrap_or_default())
 }

@@ -8,15 +8,18 @@ use std::{
 };
 
 use clap::Args;
-use reports::run_directory::PlannedScenario;
+use reports::{power, run_directory::PlannedScenario, sample};
 use serde_json::{Value, json};
+use workload::quantity::Length;
 
 use crate::{
     arguments::{OutputArguments, SelectionArguments},
+    command::report::unreadable,
     exit::Exit,
     matrix_file::MatrixFile,
-    plan::{self, HostFacts, Plan, Selection},
+    plan::{self, HostFacts, Plan, Selection, WindowDesign},
     provider::Roster,
+    run::room,
     survey,
     terminal::{self, Complaint},
 };
@@ -28,6 +31,12 @@ pub struct PlanArguments {
     file: PathBuf,
     #[command(flatten)]
     selection: SelectionArguments,
+    /// A run to learn from how much the levels of windows spread; the plan then says what it would find.
+    #[arg(long, value_name = "RUN", conflicts_with = "spread")]
+    pilot: Option<PathBuf>,
+    /// How much window levels are assumed to spread (standard deviation), such as 1mm.
+    #[arg(long, value_name = "LENGTH")]
+    spread: Option<Length>,
     #[command(flatten)]
     pub(crate) output: OutputArguments,
 }
@@ -50,10 +59,20 @@ pub struct Planned {
 /// All that is wrong with the file.
 pub async fn execute(arguments: &PlanArguments) -> Result<Exit, Complaint> {
     let planned = plan(&arguments.file, &arguments.selection, arguments.output).await?;
+    let spread_m = spread_of_levels(arguments)?;
     if arguments.output.json {
-        terminal::json(&as_json(&planned.plan));
+        let mut json = as_json(&planned.plan);
+        if let (Some(spread_m), Some(design)) = (spread_m, &planned.plan.windows) {
+            json["detectable_shift_m"] = json!(design.detectable_shift_m(spread_m));
+            json["spread_m"] = json!(spread_m);
+        }
+        terminal::json(&json);
     } else {
-        terminal::result(&as_text(&planned.plan));
+        let mut text = as_text(&planned.plan);
+        if let (Some(spread_m), Some(design)) = (spread_m, &planned.plan.windows) {
+            text.push_str(&what_would_be_found(design, spread_m));
+        }
+        terminal::result(&text);
     }
     Ok(Exit::Done)
 }
@@ -110,6 +129,8 @@ pub fn as_json(plan: &Plan) -> Value {
             "best": {"n": attainable.best.n, "m": attainable.best.m, "p": attainable.best.p},
             "worst": {"n": attainable.worst.n, "m": attainable.worst.m, "p": attainable.worst.p},
         })),
+        "windows_as_units": plan.windows,
+        "data_bytes": data_bytes(plan),
         "warnings": plan.warnings.to_json(),
     })
 }
@@ -126,8 +147,9 @@ pub fn as_text(plan: &Plan) -> String {
     let measuring = humantime::format_duration(Duration::from_secs_f64(record.measuring_s));
     let _ = writeln!(
         text,
-        "order: {}; {measuring} of measuring",
-        record.order.join(", ")
+        "order: {}; {measuring} of measuring, about {} of data",
+        record.order.join(", "),
+        room::in_words(data_bytes(plan))
     );
     if let Some(attainable) = &plan.attainable {
         let worst = &attainable.worst;
@@ -142,7 +164,61 @@ pub fn as_text(plan: &Plan) -> String {
             worst.p, worst.n, worst.m, attainable.alpha
         );
     }
+    if let Some(design) = &plan.windows {
+        let can = if design.can_reject() { "below" } else { "NOT below" };
+        let _ = write!(
+            text,
+            "windows as units: smallest p {:.2e} at {w} : {w}, {:.2e} by Holm in a family of {}, {can} alpha = {}",
+            design.smallest_p,
+            design.smallest_p_holm,
+            design.pairs,
+            design.alpha,
+            w = design.windows
+        );
+        match design.windows_needed {
+            Some(windows) if !design.can_reject() => {
+                let _ = writeln!(text, "; {windows} windows would do");
+            }
+            _ => text.push('\n'),
+        }
+    }
     text
+}
+
+/// The standard deviation of window levels, in metres: assumed, or as the pilot run has it.
+fn spread_of_levels(arguments: &PlanArguments) -> Result<Option<f64>, Complaint> {
+    let Some(pilot) = &arguments.pilot else {
+        return Ok(arguments.spread.map(Length::metres));
+    };
+    let run = reports::load(pilot).map_err(|error| unreadable(&error))?;
+    let samples = sample::samples(&run, &run.manifest.report);
+    power::spread_of_levels(&samples)
+        .map(Some)
+        .ok_or_else(|| Complaint {
+            what: format!("no scenario of {} has two windows that count", pilot.display()).into(),
+            hint: Some("give a run with two windows or more a scenario, or `--spread 1mm`".to_owned()),
+            exit: Exit::Wrong,
+        })
+}
+
+fn what_would_be_found(design: &WindowDesign, spread_m: f64) -> String {
+    let spread = format!("window levels that spread by {:.3} mm", spread_m * 1e3);
+    match design.detectable_shift_m(spread_m) {
+        Some(shift_m) => format!(
+            "with {spread}: a shift of {:.3} mm is found with {:.0} % power (Student's t, Holm's first step)\n",
+            shift_m * 1e3,
+            power::POWER * 100.0
+        ),
+        None => format!("with {spread}: no shift is found by windows, however large it is\n"),
+    }
+}
+
+/// About how many bytes the windows of all scenarios that run leave in the run directory, before compression.
+fn data_bytes(plan: &Plan) -> u64 {
+    let running = plan.record.scenarios.iter().filter(|scenario| scenario.runs());
+    running
+        .map(|scenario| room::windows_take(&scenario.settings, scenario.settings.windows as usize))
+        .sum()
 }
 
 /// Scenarios for a person: where each runs, or why it does not.

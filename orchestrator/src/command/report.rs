@@ -85,6 +85,7 @@ pub fn after_run(directory: &RunDirectory, exit: Exit, output: OutputArguments) 
     Ok(exit)
 }
 
-fn unreadable(error: &ReadError) -> Complaint {
+/// A run directory that cannot be read.
+pub(super) fn unreadable(error: &ReadError) -> Complaint {
     Complaint::new(Exit::Wrong, error, Some(error.hint()))
 }

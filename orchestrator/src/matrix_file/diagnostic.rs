@@ -81,6 +81,10 @@ pub enum Code {
     EmptySelection,
     /// Samples too small for the tests to ever reject.
     NeverRejects,
+    /// Something is said of a host that is not so.
+    FalseClaim,
+    /// A host that cannot be asked what it can do.
+    SilentHost,
 }
 
 impl Code {
@@ -109,6 +113,8 @@ impl Code {
             Self::UnknownProfile => "unknown-profile",
             Self::EmptySelection => "empty-selection",
             Self::NeverRejects => "never-rejects",
+            Self::FalseClaim => "false-claim",
+            Self::SilentHost => "silent-host",
         }
     }
 }

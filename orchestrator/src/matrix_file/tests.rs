@@ -92,6 +92,9 @@ fn told(bytes: &[u8], profile: Option<&str>) -> Diagnostics {
 #[case::everything_discarded("matrix: {}\nworkload: {window: 200s}\nreport:\n  discard_periods: 2\n")]
 #[case::alpha_out_of_range("matrix: {}\nreport: {alpha: 5}\n")]
 #[case::figure_of_no_scenario("matrix: {}\nreport:\n  figures: [[a, b]]\n")]
+#[case::family_of_no_scenario("matrix: {}\nreport:\n  family: [[a, b]]\n")]
+#[case::family_misspelt("matrix: {}\nreport:\n  family: against-control\n")]
+#[case::matters_without_a_unit("matrix: {}\nreport: {matters: 2}\n")]
 #[case::control_on_no_axis("matrix: {}\nreport:\n  control: {virtualisation: native}\n")]
 #[case::control_that_no_scenario_is(
     "matrix: {virtualization: [docker]}\nreport:\n  control: {virtualization: native}\n"

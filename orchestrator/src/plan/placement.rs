@@ -45,7 +45,7 @@ pub struct Offer {
     /// Its operating system.
     pub os: String,
     /// What is wrong with what the file says that it is.
-    contradiction: Option<Obstacle>,
+    pub contradiction: Option<Contradiction>,
     facts: Option<HostFacts>,
 }
 
@@ -61,7 +61,14 @@ impl Offer {
             host: host.name.value.clone(),
             hardware: or_found(&host.hardware, facts.map(|facts| &facts.hardware)),
             os: or_found(&host.os, facts.map(|facts| &facts.os)),
-            contradiction: facts.and_then(|facts| contradiction(host, facts)),
+            contradiction: facts.and_then(|facts| {
+                let claim = Claim {
+                    host: &host.name.value,
+                    hardware: host.hardware.as_deref(),
+                    os: host.os.as_deref(),
+                };
+                claim.contradiction(&facts.hardware, &facts.os)
+            }),
             facts: facts.cloned(),
         }
     }
@@ -76,7 +83,14 @@ impl Offer {
         }
     }
 
-    /// Why it cannot make environments of a kind that meet a need, if it cannot.
+    /// Why it could not be asked what it can do, if it could not.
+    #[must_use]
+    pub fn silence(&self) -> Option<&Obstacle> {
+        self.facts.as_ref()?.obstacle.as_ref()
+    }
+
+    /// Why it cannot make environments of a kind that meet a need, if it cannot. A host that is out of reach may be back
+    /// when its turn comes: that a machine is broken says nothing of what it can do.
     fn obstacle(&self, virtualization: &str, need: &Need) -> Option<Obstacle> {
         let Some(facts) = &self.facts else {
             return Some(Obstacle {
@@ -84,14 +98,8 @@ impl Offer {
                 fix: None,
             });
         };
-        if let Some(obstacle) = &facts.obstacle {
-            return Some(obstacle.clone());
-        }
-        // What is played needs no machine.
-        if virtualization != PLAYED
-            && let Some(contradiction) = &self.contradiction
-        {
-            return Some(contradiction.clone());
+        if facts.obstacle.is_some() {
+            return None;
         }
         let Some(provider) = facts.providers.get(virtualization) else {
             return Some(Obstacle {
@@ -103,26 +111,47 @@ impl Offer {
     }
 }
 
-/// The one virtualization that is a fake.
-const PLAYED: &str = "fake";
+/// What is said of a host. Values are names that a user chooses, such as `intel-i7`, so that only what is certainly another
+/// machine's or system's name is false.
+#[derive(Debug, Clone, Copy)]
+pub struct Claim<'a> {
+    /// Its name.
+    pub host: &'a str,
+    /// Its hardware, if that is said.
+    pub hardware: Option<&'a str>,
+    /// Its operating system, if that is said.
+    pub os: Option<&'a str>,
+}
 
-/// What the file says that a host is, where it is something else. Values are names that a user chooses, such as `intel-i7`,
-/// so that only what is certainly another machine's or system's name counts.
-fn contradiction(host: &Host, facts: &HostFacts) -> Option<Obstacle> {
-    let differs = |axis: &str, said: &Option<String>, found: &str, is_other: fn(&str, &str) -> bool| {
-        let said = said.as_deref()?;
-        (!found.is_empty() && is_other(said, found)).then(|| Obstacle {
-            reason: format!(
-                "the file says `{axis}: {said}` of host `{}`, which is `{found}`",
-                host.name.value
-            ),
-            fix: Some(format!(
-                "write `{axis}: {found}`, leave it out, or connect to the host that was meant"
-            )),
-        })
-    };
-    differs(HARDWARE, &host.hardware, &facts.hardware, is_other_machine)
-        .or_else(|| differs(OS, &host.os, &facts.os, is_other_system))
+/// A claim that is false.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct Contradiction {
+    /// What it is about: `hardware` or `os`.
+    pub axis: &'static str,
+    /// What was said and what is.
+    pub reason: String,
+    /// What to write instead.
+    pub fix: String,
+}
+
+impl Claim<'_> {
+    /// What is wrong with it, of a host that is this.
+    #[must_use]
+    pub fn contradiction(&self, hardware: &str, os: &str) -> Option<Contradiction> {
+        let differs = |axis, said: Option<&str>, found: &str, is_other: fn(&str, &str) -> bool| {
+            let said = said?;
+            (!found.is_empty() && is_other(said, found)).then(|| Contradiction {
+                axis,
+                reason: format!(
+                    "the file says `{axis}: {said}` of host `{}`, which is `{found}`",
+                    self.host
+                ),
+                fix: format!("write `{axis}: {found}`, leave it out, or connect to the host that was meant"),
+            })
+        };
+        differs(HARDWARE, self.hardware, hardware, is_other_machine)
+            .or_else(|| differs(OS, self.os, os, is_other_system))
+    }
 }
 
 /// Machines that are no other's, each by all its names.
@@ -147,6 +176,7 @@ fn is_other_system(said: &str, found: &str) -> bool {
         let version = version
             .starts_with(|c: char| c.is_ascii_digit())
             .then(|| version.to_owned());
+        let id = if MACOS.contains(&id) { "macos" } else { id };
         (id.to_owned(), version)
     };
     let ((said_id, said_version), (found_id, found_version)) = (parts(said), parts(found));
@@ -156,10 +186,12 @@ fn is_other_system(said: &str, found: &str) -> bool {
     }
 }
 
+/// The names that one system has had.
+const MACOS: [&str; 4] = ["macos", "osx", "macosx", "darwin"];
+
 /// Names of systems that are no other's.
-const SYSTEMS: [&str; 12] = [
-    "alpine", "arch", "centos", "debian", "fedora", "macos", "opensuse", "osx", "rhel", "rocky", "ubuntu",
-    "windows",
+const SYSTEMS: [&str; 11] = [
+    "alpine", "arch", "centos", "debian", "fedora", "macos", "opensuse", "rhel", "rocky", "ubuntu", "windows",
 ];
 
 /// Why a scenario cannot run.
@@ -199,8 +231,8 @@ pub fn fitting<'a>(combination: &Combination, offers: &'a [Offer]) -> impl Itera
     })
 }
 
-/// The first host that offers a combination's hardware and OS and can make an environment that meets its need; if none
-/// can, the first that offers them, with what stands in the way.
+/// The first host that offers a combination's hardware and OS and can make an environment that meets its need, or, after
+/// all those, may be able to when it is back; if none can, the first that offers them, with what stands in the way.
 #[must_use]
 pub fn place(combination: &Combination, need: &Need, offers: &[Offer]) -> Placement {
     let virtualization = combination.virtualization();
@@ -208,7 +240,7 @@ pub fn place(combination: &Combination, need: &Need, offers: &[Offer]) -> Placem
         .map(|offer| (offer.obstacle(virtualization, need), offer))
         .collect();
     // A stable sort: among equals the file's order decides.
-    fitting.sort_by_key(|(obstacle, _)| obstacle.is_some());
+    fitting.sort_by_key(|(obstacle, offer)| (obstacle.is_some(), offer.silence().is_some()));
     match fitting.into_iter().next() {
         Some((obstacle, offer)) => Placement {
             host: Some(offer.host.clone()),
@@ -241,10 +273,7 @@ fn no_host(combination: &Combination, offers: &[Offer]) -> Obstacle {
         .map(|offer| format!("{} {} ({})", offer.hardware, offer.os, offer.host))
         .collect();
     // A host that did not answer may be the one that was meant.
-    let silent = offers
-        .iter()
-        .find_map(|offer| offer.facts.as_ref()?.obstacle.as_ref());
-    if let Some(silent) = silent {
+    if let Some(silent) = offers.iter().find_map(Offer::silence) {
         return Obstacle {
             reason: format!("{reason}; {}", silent.reason),
             fix: silent.fix.clone(),

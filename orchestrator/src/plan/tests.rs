@@ -307,6 +307,82 @@ fn of_two_hosts_with_the_same_offer_the_one_that_can_is_taken() {
     assert!(plan.record.scenarios[0].feasible);
 }
 
+#[rstest]
+#[case::hardware("hardware: i686, os: debian-12", "x86_64", "debian-12", Some("hardware"))]
+#[case::another_name_of_it("hardware: amd64, os: debian-12", "x86_64", "debian-12", None)]
+#[case::a_name_of_the_users("hardware: intel-i7, os: lab", "x86_64", "debian-12", None)]
+#[case::system("hardware: x86_64, os: ubuntu-24.04", "x86_64", "debian-12", Some("os"))]
+#[case::version("hardware: x86_64, os: debian-13", "x86_64", "debian-12", Some("os"))]
+#[case::no_version("hardware: x86_64, os: debian", "x86_64", "debian-12", None)]
+#[case::the_older_name_of_macos("hardware: aarch64, os: osx", "arm64", "macos-15.1", None)]
+#[case::not_macos("hardware: aarch64, os: ubuntu", "arm64", "macos-15.1", Some("os"))]
+fn what_a_host_certainly_is_not_is_an_error_at_its_place(
+    #[case] said: &str,
+    #[case] hardware: &str,
+    #[case] os: &str,
+    #[case] wrong: Option<&str>,
+) {
+    let text = format!("hosts:\n  lab: {{{said}}}\nmatrix: {{}}\n");
+    let facts = BTreeMap::from([("lab".to_owned(), willing(hardware, os))]);
+    let planned = |text: &str| {
+        let file = MatrixFile::parse("m", text.as_bytes(), None).unwrap();
+        plan(&file, &facts, &Selection::default(), Order::Randomised, 1)
+    };
+    match (planned(&text), wrong) {
+        (Ok(plan), None) => assert_eq!(plan.record.order, ["a"]),
+        (Err(found), Some(axis)) => {
+            let found: Vec<_> = found.iter().collect();
+            assert_eq!(found.len(), 1, "{found:?}");
+            assert_eq!(found[0].code, Code::FalseClaim);
+            assert!(
+                found[0].message.contains(&format!("`{axis}: ")),
+                "{}",
+                found[0].message
+            );
+            // Its place is the value's.
+            assert_eq!(found[0].to_json()["line"], 2);
+        }
+        (other, wrong) => panic!("{wrong:?}: {other:?}"),
+    }
+    // Numbers that are made up may be called as one likes.
+    assert!(planned(&text.replace("matrix: {}", "matrix: {virtualization: [fake]}")).is_ok());
+}
+
+#[test]
+fn a_host_that_is_out_of_reach_is_tried_when_its_turn_comes_and_after_those_that_answer() {
+    let silent = HostFacts {
+        obstacle: Some(Obstacle {
+            reason: "connection refused".to_owned(),
+            fix: Some("start it".to_owned()),
+        }),
+        ..HostFacts::default()
+    };
+    let planned = |text: &str| {
+        let file = MatrixFile::parse("m", text.as_bytes(), None).unwrap();
+        let facts = BTreeMap::from([
+            ("one".to_owned(), silent.clone()),
+            ("two".to_owned(), willing("x", "y")),
+        ]);
+        plan(&file, &facts, &Selection::default(), Order::Randomised, 1).unwrap()
+    };
+    let alone = planned("hosts:\n  one: {hardware: x, os: y}\n  two: {hardware: z, os: y}\nmatrix: {}\n");
+    assert_eq!(alone.record.order.len(), 2);
+    assert_eq!(alone.record.scenarios[0].host.as_deref(), Some("one"));
+    assert!(alone.record.scenarios[0].feasible);
+    let warning = alone.warnings.iter().next().unwrap();
+    assert_eq!(warning.code, Code::SilentHost);
+    assert!(
+        warning.message.contains("connection refused"),
+        "{}",
+        warning.message
+    );
+
+    let with_another =
+        planned("hosts:\n  one: {hardware: x, os: y}\n  two: {hardware: x, os: y}\nmatrix: {}\n");
+    assert_eq!(with_another.record.order.len(), 1);
+    assert_eq!(with_another.record.scenarios[0].host.as_deref(), Some("two"));
+}
+
 #[test]
 fn in_blocks_the_scenarios_of_one_virtualization_run_next_to_each_other() {
     let text = "matrix: {virtualization: [native, docker], network.seed: [1, 2, 3, 4]}";

@@ -28,6 +28,8 @@ pub struct DataFile {
     longest: u64,
 }
 
+/// What one read moves at most.
+const PIECE: usize = 256 << 10;
 /// Settings, platform and progress are kilobytes.
 const LONGEST_RECORD: u64 = 64 << 20;
 /// A window of 6000 s is some hundred megabytes; a day of the paper's network at full rate stays below this.
@@ -52,62 +54,89 @@ impl DataFile {
         })
     }
 
-    /// Writes the file below `into`, which has no file of that name yet.
-    fn write(&self, into: &Path, content: &mut dyn Read) -> Result<(), ProviderError> {
+    /// Begins the file below `into`, which has no file of that name yet.
+    fn begin(&self, into: &Path) -> Result<Arriving, ProviderError> {
         let path = into.join(&self.path);
         if let Some(folder) = path.parent() {
             fs::create_dir_all(folder).map_err(|source| file_error("create", folder, source))?;
         }
-        let mut file = fs::OpenOptions::new()
+        let file = fs::OpenOptions::new()
             .write(true)
             .create_new(true)
             .mode(0o644)
             .open(&path)
             .map_err(|source| file_error("create", &path, source))?;
-        self.fill(&mut file, &path, self.longest, content)
+        Ok(self.arriving(file, path, 0))
     }
 
-    /// Writes the file below `into`, in place of what an earlier try has brought of it.
-    pub(super) fn replace(&self, into: &Path, content: &mut dyn Read) -> Result<(), ProviderError> {
+    /// Begins the file below `into` in place of what an earlier try has brought of it.
+    pub(super) fn replace(&self, into: &Path) -> Result<Arriving, ProviderError> {
         let path = into.join(&self.path);
         match fs::remove_file(&path) {
             Err(error) if error.kind() != io::ErrorKind::NotFound => Err(file_error("replace", &path, error)),
-            _ => self.write(into, content),
+            _ => self.begin(into),
         }
     }
 
     /// Goes on with the file below `into`, of which so many bytes are there.
-    pub(super) fn append(
-        &self,
-        into: &Path,
-        there: u64,
-        content: &mut dyn Read,
-    ) -> Result<(), ProviderError> {
+    pub(super) fn append(&self, into: &Path, there: u64) -> Result<Arriving, ProviderError> {
         let path = into.join(&self.path);
-        let mut file = fs::OpenOptions::new()
+        let file = fs::OpenOptions::new()
             .append(true)
             .open(&path)
             .map_err(|source| file_error("write", &path, source))?;
-        self.fill(&mut file, &path, self.longest.saturating_sub(there), content)
+        Ok(self.arriving(file, path, there))
     }
 
-    /// Copies at most `room` bytes.
-    fn fill(
-        &self,
-        file: &mut fs::File,
-        path: &Path,
-        room: u64,
-        content: &mut dyn Read,
-    ) -> Result<(), ProviderError> {
-        let copied = io::copy(&mut content.take(room.saturating_add(1)), file)
-            .map_err(|source| file_error("write", path, source))?;
-        if copied > room {
+    fn arriving(&self, file: fs::File, path: PathBuf, there: u64) -> Arriving {
+        Arriving {
+            file,
+            path,
+            room: self.longest.saturating_sub(there),
+            longest: self.longest,
+        }
+    }
+
+    /// Writes the file below `into`, which has no file of that name yet.
+    fn write(&self, into: &Path, content: &mut dyn Read) -> Result<(), ProviderError> {
+        let mut arriving = self.begin(into)?;
+        let mut piece = vec![0; PIECE];
+        loop {
+            match content.read(&mut piece) {
+                Ok(0) => return Ok(()),
+                Ok(read) => arriving.take(piece.get(..read).unwrap_or_default())?,
+                Err(error) if error.kind() == io::ErrorKind::Interrupted => {}
+                Err(error) => return Err(file_error("write", &arriving.path, error)),
+            }
+        }
+    }
+}
+
+/// A file that is being written.
+#[derive(Debug)]
+pub struct Arriving {
+    file: fs::File,
+    path: PathBuf,
+    /// Bytes that it may still get.
+    room: u64,
+    longest: u64,
+}
+
+impl Arriving {
+    /// Writes its next bytes.
+    pub(super) fn take(&mut self, piece: &[u8]) -> Result<(), ProviderError> {
+        let fits = usize::try_from(self.room).unwrap_or(usize::MAX).min(piece.len());
+        self.file
+            .write_all(piece.get(..fits).unwrap_or_default())
+            .map_err(|source| file_error("write", &self.path, source))?;
+        self.room -= fits as u64;
+        if fits < piece.len() {
             return Err(ProviderError::Data {
                 what: format!("the file {}", self.path.display()),
                 reason: format!("it is longer than {} bytes", self.longest),
             });
         }
-        file.flush().map_err(|source| file_error("write", path, source))
+        Ok(())
     }
 }
 

@@ -9,6 +9,7 @@ use std::{
     collections::BTreeSet,
     fs, io,
     path::{Path, PathBuf},
+    sync::Arc,
 };
 
 use reports::run_directory::{EnvironmentRecord, Event, Outcome, PlannedScenario};
@@ -24,6 +25,8 @@ use super::{
 use crate::{
     host::lease::HostLease,
     journal::JournalError,
+    matrix_file::{HARDWARE, OS},
+    plan::placement::{Claim, Contradiction},
     provider::detached::Keeper,
     provider::{Ended, Environment, EnvironmentRequest, Provider, ProviderError},
 };
@@ -60,6 +63,9 @@ pub(super) enum Trouble {
         wanted: u64,
         free: u64,
     },
+    /// It was out of reach when the run was planned, or has become another since.
+    #[error("{}", .0.reason)]
+    AnotherHost(Contradiction),
     #[error("`{environment}` of {} still measures on this host", run_directory.display())]
     StillMeasuring {
         environment: String,
@@ -90,6 +96,7 @@ impl Ending {
             Trouble::Collection(_) | Trouble::RunDirectory(_) | Trouble::NoRoom { .. } => {
                 Some("make room on the disk and `matrix resume`".to_owned())
             }
+            Trouble::AnotherHost(contradiction) => Some(contradiction.fix.clone()),
             Trouble::StillMeasuring { run_directory, .. } => Some(format!(
                 "`matrix resume {}` goes on with it, `matrix clean` removes it",
                 run_directory.display()
@@ -177,7 +184,7 @@ impl Run<'_> {
         if self.stop.is_requested() {
             return Ok(Ending::of(Outcome::Interrupted, None, None));
         }
-        self.check_room(planned, windows.len()).await?;
+        self.check_host(planned, windows.len()).await?;
         let attempt = self.events.scenario(&planned.slug).attempts + 1;
         let name = format!("matrix-{}-{}-{attempt}", self.name, planned.slug);
         let request = self.request(planned, name, windows);
@@ -249,13 +256,28 @@ impl Run<'_> {
         Ok(())
     }
 
-    /// Refuses to begin what would fill a disk: that of the host, or this machine's with the run directory. Others may
-    /// fill it yet.
-    async fn check_room(&self, planned: &PlannedScenario, windows: usize) -> Result<(), Trouble> {
+    /// Refuses to begin on another machine than the scenario says, and what would fill a disk: that of the host, or this
+    /// machine's with the run directory. Others may fill it yet.
+    async fn check_host(&self, planned: &PlannedScenario, windows: usize) -> Result<(), Trouble> {
         let wanted = room::windows_take(&planned.settings, windows);
         let host = self.fleet.host(planned.host.as_deref().unwrap_or_default())?;
         let place = format!("host `{}`", host.name());
-        let there = Keeper::new(host).platform().await?.free_bytes;
+        let is_here = host.is_this_machine();
+        let said = Keeper::new(Arc::clone(&host)).platform().await?;
+        let (hardware, os) = (planned.axis(HARDWARE), planned.axis(OS));
+        let claim = Claim {
+            host: host.name(),
+            hardware: hardware.as_deref(),
+            os: os.as_deref(),
+        };
+        // What this machine is was known when the run was planned.
+        if let Some(contradiction) = claim
+            .contradiction(&said.platform.machine, &said.platform.os)
+            .filter(|_| !is_here)
+        {
+            return Err(Trouble::AnotherHost(contradiction));
+        }
+        let there = said.free_bytes;
         let disk = rustix::fs::statvfs(self.directory.path()).map_err(io::Error::from)?;
         let here = disk.f_bavail.saturating_mul(disk.f_frsize);
         let run_directory = self.directory.path().display().to_string();

@@ -1,21 +1,18 @@
+mod limits;
+mod pools;
+mod published;
+
 use std::collections::BTreeMap;
 
 use proptest::prelude::*;
 use rstest::rstest;
 
-use super::*;
+use super::{distance::Steps, limit::kolmogorov_tail, paths::Band, tails::Tail, *};
 
 /// P(D ≥ h / lcm) without ties.
 fn share_without_ties(n: usize, m: usize, h: u64) -> (f64, f64) {
-    let steps = Steps::of(n as u64, m as u64);
-    let band = paths::Band {
-        n,
-        m,
-        step_x: steps.of_x,
-        step_y: steps.of_y,
-        h,
-    };
-    band.share_leaving(&(1..=n + m).collect::<Vec<_>>())
+    let tail = Tail::without_ties(Procedure::default(), n, m, h);
+    (tail.p, tail.log10_p)
 }
 
 fn assert_close(found: f64, exact: f64, what: &str) {
@@ -89,13 +86,7 @@ fn at_sixty_values_a_side_the_limit_at_one_in_a_thousand_is_22_of_60(#[case] h: 
 #[test]
 fn plain_and_scaled_numbers_agree_where_both_hold() {
     let ends: Vec<usize> = (1..=580).collect();
-    let band = |h| paths::Band {
-        n: 280,
-        m: 300,
-        step_x: 15,
-        step_y: 14,
-        h,
-    };
+    let band = |h| Band::of(280, 300, h, Alternative::TwoSided);
     for h in [60, 600, 2100, 4100] {
         let (p, log10_p) = band(h).share_leaving(&ends);
         assert!((p.log10() - log10_p).abs() < 1e-12);
@@ -150,7 +141,7 @@ fn samples_too_large_to_enumerate_say_that_they_were_compared_in_the_limit() {
 }
 
 /// All ways to deal the pooled values, counted one by one.
-fn enumerated(x: &[f64], y: &[f64]) -> f64 {
+fn enumerated(x: &[f64], y: &[f64], alternative: Alternative) -> f64 {
     let pooled: Vec<f64> = x.iter().chain(y).copied().collect();
     let distance = |chosen: u32| {
         let (n, m) = (x.len() as i64, y.len() as i64);
@@ -167,7 +158,11 @@ fn enumerated(x: &[f64], y: &[f64]) -> f64 {
         for (more_x, more_y) in sides.values() {
             i += more_x;
             j += more_y;
-            worst = worst.max((i * m - j * n).abs());
+            worst = worst.max(match alternative {
+                Alternative::TwoSided => (i * m - j * n).abs(),
+                Alternative::Greater => i * m - j * n,
+                Alternative::Less => j * n - i * m,
+            });
         }
         worst
     };
@@ -181,6 +176,21 @@ fn enumerated(x: &[f64], y: &[f64]) -> f64 {
     f64::from(far) / f64::from(all)
 }
 
+fn assert_agrees_with_enumeration(x: &[f64], y: &[f64]) {
+    for alternative in Alternative::ALL {
+        let procedure = Procedure {
+            alternative,
+            ..Procedure::default()
+        };
+        let found = procedure.test(x, y).unwrap().p;
+        let exact = enumerated(x, y, alternative);
+        assert!(
+            (found - exact).abs() <= 1e-13 * exact,
+            "{alternative:?}: {found} {exact}"
+        );
+    }
+}
+
 fn small_sample(values: std::ops::Range<i32>) -> impl Strategy<Value = Vec<f64>> {
     prop::collection::vec(values.prop_map(f64::from), 1..=6)
 }
@@ -188,16 +198,12 @@ fn small_sample(values: std::ops::Range<i32>) -> impl Strategy<Value = Vec<f64>>
 proptest! {
     #[test]
     fn small_samples_with_ties_agree_with_enumeration(x in small_sample(0..5), y in small_sample(0..5)) {
-        let found = test(&x, &y).unwrap().p;
-        let exact = enumerated(&x, &y);
-        prop_assert!((found - exact).abs() <= 1e-13 * exact, "{found} {exact}");
+        assert_agrees_with_enumeration(&x, &y);
     }
 
     #[test]
     fn small_samples_nearly_without_ties_agree_with_enumeration(x in small_sample(0..99), y in small_sample(0..99)) {
-        let found = test(&x, &y).unwrap().p;
-        let exact = enumerated(&x, &y);
-        prop_assert!((found - exact).abs() <= 1e-13 * exact, "{found} {exact}");
+        assert_agrees_with_enumeration(&x, &y);
     }
 
     #[test]
@@ -213,9 +219,16 @@ proptest! {
     fn only_the_order_of_the_values_matters(
         x in prop::collection::vec(-40..40_i32, 1..80), y in prop::collection::vec(-30..50_i32, 1..80)
     ) {
-        let plain = |values: &[i32]| values.iter().map(|v| f64::from(*v)).collect::<Vec<_>>();
-        let mapped = |values: &[i32]| values.iter().map(|v| (f64::from(*v) / 9.0).exp() - 7.0).collect::<Vec<_>>();
-        prop_assert_eq!(test(&plain(&x), &plain(&y)).unwrap(), test(&mapped(&x), &mapped(&y)).unwrap());
+        let plain = |value: i32| f64::from(value);
+        let mapped = |value: i32| (f64::from(value) / 9.0).exp() - 7.0;
+        let test = |map: fn(i32) -> f64| {
+            let of = |values: &[i32]| values.iter().map(|value| map(*value)).collect::<Vec<_>>();
+            test(&of(&x), &of(&y)).unwrap()
+        };
+        let moved = |gap: Gap| Gap { at: gap.at.map(|at| mapped(at as i32)), ..gap };
+        let result = test(plain);
+        let expected = KsTest { above: moved(result.above), below: moved(result.below), ..result };
+        prop_assert_eq!(test(mapped), expected);
     }
 
     #[test]

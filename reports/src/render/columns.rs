@@ -7,7 +7,12 @@ use polars::{
     prelude::{CsvWriter, ParquetCompression, ParquetWriter, SerWriter},
 };
 
-use crate::{comparison::Comparison, report::Report};
+use crate::{
+    comparison::Comparison,
+    contrast::Contrast,
+    effect::{Effect, Estimate},
+    report::Report,
+};
 
 /// One row a comparison.
 pub(crate) fn comparisons(report: &Report) -> PolarsResult<DataFrame> {
@@ -35,9 +40,49 @@ pub(crate) fn comparisons(report: &Report) -> PolarsResult<DataFrame> {
         "lcm" => column(report, |c| c.test.lcm),
         "p" => column(report, |c| c.test.p),
         "log10_p" => column(report, |c| c.test.log10_p),
+        "signed_d" => column(report, |c| c.test.signed_d().0),
+        "at_m" => column(report, |c| c.test.signed_d().1),
         "method" => column(report, |c| c.test.method.name()),
         "alpha" => column(report, |_| report.settings.alpha),
         "rejected" => column(report, |c| c.rejected),
+    ]
+}
+
+/// One row a pair of the family.
+pub(crate) fn contrasts(report: &Report) -> PolarsResult<DataFrame> {
+    fn column<'a, T>(report: &'a Report, of: impl Fn(&'a Contrast) -> T) -> Vec<T> {
+        report.contrasts.pairs.iter().map(of).collect()
+    }
+    let value = |of: fn(&Effect) -> &Estimate| column(report, move |c| of(&c.effect).value);
+    let low = |of: fn(&Effect) -> &Estimate| column(report, move |c| of(&c.effect).interval.map(|i| i.low));
+    let high = |of: fn(&Effect) -> &Estimate| column(report, move |c| of(&c.effect).interval.map(|i| i.high));
+    df![
+        "a" => column(report, |c| c.a.as_str()),
+        "b" => column(report, |c| c.b.as_str()),
+        "n" => column(report, |c| c.n as u64),
+        "m" => column(report, |c| c.m as u64),
+        "p" => column(report, |c| c.level.p),
+        "smallest_p" => column(report, |c| c.level.smallest_p),
+        "labellings" => column(report, |c| c.level.labellings),
+        "method" => column(report, |c| c.level.coverage.name()),
+        "p_kolmogorov_smirnov" => column(report, |c| c.shape.kolmogorov_smirnov.p),
+        "p_anderson_darling" => column(report, |c| c.shape.anderson_darling.p),
+        "p_energy" => column(report, |c| c.shape.energy.p),
+        "shape_labellings" => column(report, |c| c.shape.energy.labellings),
+        "p_holm" => column(report, |c| c.p_holm),
+        "p_benjamini_yekutieli" => column(report, |c| c.p_benjamini_yekutieli),
+        "p_max_t" => column(report, |c| c.p_max_t),
+        "verdict" => column(report, |c| c.verdict.name()),
+        "shift_m" => value(|e| &e.shift_m),
+        "shift_low_m" => low(|e| &e.shift_m),
+        "shift_high_m" => high(|e| &e.shift_m),
+        "shift_confidence" => column(report, |c| c.effect.shift_m.interval.map(|i| i.confidence)),
+        "wasserstein_m" => value(|e| &e.wasserstein_m),
+        "wasserstein_low_m" => low(|e| &e.wasserstein_m),
+        "wasserstein_high_m" => high(|e| &e.wasserstein_m),
+        "superiority" => value(|e| &e.superiority),
+        "superiority_low" => low(|e| &e.superiority),
+        "superiority_high" => high(|e| &e.superiority),
     ]
 }
 

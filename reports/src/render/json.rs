@@ -4,8 +4,11 @@ use serde_json::{Value, json};
 
 use crate::{
     comparison::Comparison,
+    contrast::Contrast,
+    effect::{Effect, Estimate},
     health::Health,
     report::{Report, ScenarioReport, Standing},
+    within::WithinWindows,
 };
 
 pub(super) fn render(report: &Report) -> Value {
@@ -22,6 +25,7 @@ pub(super) fn render(report: &Report) -> Value {
         "created": report.created,
         "simulated": report.is_simulated(),
         "alpha": settings.alpha,
+        "method": settings.method,
         "metric": settings.metric,
         "discard_periods": settings.discard_periods,
         "control": settings.control,
@@ -37,6 +41,8 @@ pub(super) fn render(report: &Report) -> Value {
             .iter()
             .map(|tally| json!({"a": tally.a, "b": tally.b, "pairs": tally.pairs, "rejected": tally.rejected}))
             .collect::<Vec<_>>(),
+        "family": family(report),
+        "contrasts": report.contrasts.pairs.iter().map(|pair| contrast(report, pair)).collect::<Vec<_>>(),
         "comparisons": report.comparisons.iter().map(comparison).collect::<Vec<_>>(),
     })
 }
@@ -66,7 +72,23 @@ fn scenario(scenario: &ScenarioReport) -> Value {
         "windows": windows.collect::<Vec<_>>(),
         "broken": broken.collect::<Vec<_>>(),
         "environment": scenario.environment,
+        "within": scenario.within.as_ref().map(within),
         "health": scenario.health.as_ref().map(health),
+    })
+}
+
+fn within(within: &WithinWindows) -> Value {
+    json!({
+        "autocorrelation": within.dependence.as_ref().map(|found| &found.autocorrelation),
+        "autocorrelation_time_periods": within.dependence.as_ref().map(|found| found.time),
+        "effective_n": within.dependence.as_ref().map(|found| found.effective),
+        "unsteady": within.unsteady.iter().map(|(window, found)| json!({
+            "window": window,
+            "warm_up_periods": found.warm_up,
+            "change_after_periods": found.change.map(|change| change.after),
+            "change_m": found.change.map(|change| change.by),
+            "change_p": found.change.map(|change| change.p),
+        })).collect::<Vec<_>>(),
     })
 }
 
@@ -89,6 +111,7 @@ fn unmeasured(scenario: &ScenarioReport) -> Value {
 
 fn comparison(comparison: &Comparison) -> Value {
     let test = &comparison.test;
+    let (signed_d, at) = test.signed_d();
     json!({
         "a": comparison.a,
         "a_window": comparison.a_window,
@@ -97,11 +120,78 @@ fn comparison(comparison: &Comparison) -> Value {
         "n": test.n,
         "m": test.m,
         "d": test.d,
+        "signed_d": signed_d,
+        "at_m": at,
         "h": test.h,
         "lcm": test.lcm,
         "p": test.p,
         "log10_p": test.log10_p,
         "method": test.method.name(),
         "rejected": comparison.rejected,
+    })
+}
+
+fn family(report: &Report) -> Value {
+    let contrasts = &report.contrasts;
+    json!({
+        "declared": contrasts.family,
+        "pairs": contrasts.pairs.len(),
+        "without_data": contrasts.without_data,
+        "matters_m": report.settings.matters.map(workload::quantity::Length::metres),
+        "seed": report.settings.seed,
+        "max_t": contrasts.max_t.as_ref().map(|max_t| json!({
+            "labellings": max_t.labellings,
+            "method": max_t.coverage.name(),
+            "smallest_p": max_t.smallest_p,
+        })),
+    })
+}
+
+fn contrast(report: &Report, pair: &Contrast) -> Value {
+    let differences = report.differences(&pair.a, &pair.b);
+    let differences = differences
+        .iter()
+        .map(|one| json!({"field": one.field, "a": one.first, "b": one.second}));
+    json!({
+        "a": pair.a,
+        "b": pair.b,
+        "n": pair.n,
+        "m": pair.m,
+        "p": pair.level.p,
+        "smallest_p": pair.level.smallest_p,
+        "labellings": pair.level.labellings,
+        "method": pair.level.coverage.name(),
+        "p_kolmogorov_smirnov": pair.shape.kolmogorov_smirnov.p,
+        "p_anderson_darling": pair.shape.anderson_darling.p,
+        "p_energy": pair.shape.energy.p,
+        "shape_labellings": pair.shape.energy.labellings,
+        "blocks": pair.blocks.map(|blocks| json!({
+            "block": blocks.block,
+            "pairs": blocks.pairs,
+            "rejected": blocks.rejected,
+        })),
+        "p_holm": pair.p_holm,
+        "p_benjamini_yekutieli": pair.p_benjamini_yekutieli,
+        "p_max_t": pair.p_max_t,
+        "verdict": pair.verdict.name(),
+        "effect": effect(&pair.effect),
+        "differences": differences.collect::<Vec<_>>(),
+    })
+}
+
+fn effect(effect: &Effect) -> Value {
+    json!({
+        "shift_m": estimate(&effect.shift_m),
+        "wasserstein_m": estimate(&effect.wasserstein_m),
+        "superiority": estimate(&effect.superiority),
+    })
+}
+
+fn estimate(estimate: &Estimate) -> Value {
+    json!({
+        "value": estimate.value,
+        "low": estimate.interval.map(|interval| interval.low),
+        "high": estimate.interval.map(|interval| interval.high),
+        "confidence": estimate.interval.map(|interval| interval.confidence),
     })
 }

@@ -1,5 +1,7 @@
 //! `environment.json` of a scenario: what its platform was. The main type is [`EnvironmentRecord`].
 
+use std::collections::BTreeMap;
+
 use serde::{Deserialize, Serialize};
 use serde_json::{Map, Value};
 use workload::record::platform::{PlatformChange, RealtimeGrant};
@@ -24,7 +26,97 @@ pub struct EnvironmentRecord {
     pub platform: Option<Value>,
 }
 
+/// What is not the same of two environments.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct Difference {
+    /// The field, such as `platform.cpu_governor`.
+    pub field: String,
+    /// Its value in the first; none where it has no such field.
+    pub first: Option<String>,
+    /// Its value in the second.
+    pub second: Option<String>,
+}
+
+/// What differs between any two environments and says nothing: names, moments, and what stands elsewhere.
+const ALWAYS_DIFFERENT: [&str; 11] = [
+    "hostname",
+    "load_1min",
+    "memory_available_bytes",
+    "clock_offset",
+    "offset_ns",
+    "image_id",
+    "container",
+    "after",
+    "changes",
+    "kernel_command_line",
+    "machine_id",
+];
+
+/// What explains most, first.
+const TELLING: [&str; 12] = [
+    "provider",
+    "host",
+    "platform.cpu_model",
+    "platform.machine",
+    "platform.kernel",
+    "platform.clock_source",
+    "platform.cpu_governor",
+    "platform.cpus_allowed",
+    "platform.realtime.priority_granted",
+    "platform.hypervisor",
+    "platform.os",
+    "platform.workload_version",
+];
+
 impl EnvironmentRecord {
+    /// What is not the same of this environment and another, the most telling first.
+    #[must_use]
+    pub fn differences(&self, other: &Self) -> Vec<Difference> {
+        let (first, second) = (self.fields(), other.fields());
+        let mut names: Vec<&String> = first.keys().chain(second.keys()).collect();
+        names.sort();
+        names.dedup();
+        let mut differences: Vec<Difference> = names
+            .into_iter()
+            .filter(|name| first.get(*name) != second.get(*name))
+            .map(|name| Difference {
+                field: name.clone(),
+                first: first.get(name).cloned(),
+                second: second.get(name).cloned(),
+            })
+            .collect();
+        let place = |field: &str| {
+            TELLING
+                .iter()
+                .position(|name| *name == field)
+                .unwrap_or(TELLING.len())
+        };
+        differences.sort_by_key(|difference| place(&difference.field));
+        differences
+    }
+
+    /// The version of the workload that ran here, where it is known.
+    #[must_use]
+    pub fn workload_version(&self) -> Option<&str> {
+        self.platform.as_ref()?.get("workload_version")?.as_str()
+    }
+
+    /// Every field with a value, by its dotted path, but for those that always differ.
+    fn fields(&self) -> BTreeMap<String, String> {
+        let mut fields = BTreeMap::from([
+            ("provider".to_owned(), self.provider.clone()),
+            ("host".to_owned(), self.host.clone()),
+        ]);
+        for (name, value) in &self.facts {
+            flatten(&format!("facts.{name}"), value, &mut fields);
+        }
+        if let Some(platform) = &self.platform {
+            flatten("platform", platform, &mut fields);
+        }
+        // Said by `provider` already.
+        fields.remove("facts.provider");
+        fields
+    }
     /// Whether the numbers were made up by the `fake` provider: they say nothing about any platform.
     #[must_use]
     pub fn is_simulated(&self) -> bool {
@@ -81,5 +173,63 @@ impl EnvironmentRecord {
             refusals.push(format!("memory is not locked{}", because(grant.lock_refusal)));
         }
         refusals
+    }
+}
+
+fn flatten(path: &str, value: &Value, fields: &mut BTreeMap<String, String>) {
+    let last = path.rsplit('.').next().unwrap_or(path);
+    if ALWAYS_DIFFERENT.contains(&last) {
+        return;
+    }
+    match value {
+        Value::Null => {}
+        Value::Object(entries) => {
+            for (name, value) in entries {
+                flatten(&format!("{path}.{name}"), value, fields);
+            }
+        }
+        Value::String(text) => {
+            fields.insert(path.to_owned(), text.clone());
+        }
+        other => {
+            fields.insert(path.to_owned(), other.to_string());
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use serde_json::json;
+
+    use super::*;
+
+    fn record(provider: &str, platform: Value) -> EnvironmentRecord {
+        EnvironmentRecord {
+            environment: "e".to_owned(),
+            provider: provider.to_owned(),
+            host: "here".to_owned(),
+            facts: Map::new(),
+            platform: Some(platform),
+        }
+    }
+
+    #[test]
+    fn what_two_machines_differ_in_is_told_with_the_most_telling_first() {
+        let a = record(
+            "native",
+            json!({"zram": true, "kernel": "6.1", "hostname": "x", "governor": null}),
+        );
+        let b = record(
+            "docker",
+            json!({"zram": false, "kernel": "6.8", "hostname": "y", "swap": 1}),
+        );
+        let fields: Vec<String> = a.differences(&b).into_iter().map(|d| d.field).collect();
+        assert_eq!(
+            fields,
+            ["provider", "platform.kernel", "platform.swap", "platform.zram"]
+        );
+        assert!(a.differences(&a).is_empty());
+        let swap = &a.differences(&b)[2];
+        assert_eq!((swap.first.as_deref(), swap.second.as_deref()), (None, Some("1")));
     }
 }

@@ -3,10 +3,7 @@
 use super::{
     Column, NO_DATA, NOT_INDEPENDENT, Table, clipped, clipped_to, count_and_rejected, no_data_note, texts,
 };
-use crate::report::{Report, ScenarioReport, text_of};
-
-/// The axis that the paper contrasts on each platform.
-const VIRTUALIZATION: &str = "virtualization";
+use crate::report::{Report, ScenarioReport, VIRTUALIZATION, text_of};
 
 /// Characters that the description of a pair may take.
 const PAIR_WIDTH: usize = 44;

@@ -8,6 +8,7 @@
 
 mod bad_input;
 mod fixture;
+mod page;
 mod synthetic;
 mod tables;
 mod written;

@@ -11,7 +11,7 @@ use workload::record::window::{ReleaseRecord, Verdict};
 use crate::synthetic::{Scenario, Synthetic, journal};
 
 /// The paper's nine scenarios with made-up numbers: docker on b's platform far off, all else alike.
-fn nine() -> Vec<Scenario> {
+pub fn nine() -> Vec<Scenario> {
     let alike = [0.1000, 0.1001, 0.0999, 0.1000];
     vec![
         Scenario::infeasible("i686-ubuntu-docker", "excluded: Docker does not run on i686"),

@@ -54,9 +54,12 @@ fn a_report_is_written_whole_and_nothing_else_is_touched() {
         [
             "report/comparisons.csv",
             "report/comparisons.parquet",
+            "report/contrasts.csv",
+            "report/contrasts.parquet",
             "report/figures/cdf-a-b.svg",
             "report/figures/trajectory-a.svg",
             "report/figures/trajectory-b.svg",
+            "report/report.html",
             "report/report.json",
             "report/samples.csv",
             "report/samples.parquet",
@@ -115,7 +118,7 @@ fn the_csv_has_a_line_for_each_comparison_and_for_each_period() {
     let mut lines = comparisons.lines();
     assert_eq!(
         lines.next().unwrap(),
-        "a,a_slug,a_window,b,b_slug,b_window,n,m,d,h,lcm,p,log10_p,method,alpha,rejected"
+        "a,a_slug,a_window,b,b_slug,b_window,n,m,d,h,lcm,p,log10_p,signed_d,at_m,method,alpha,rejected"
     );
     assert!(
         lines
@@ -137,7 +140,7 @@ fn the_parquet_reads_back_as_it_was_written() {
     write(&synthetic, &ReportSettings::default());
     let file = fs::File::open(synthetic.directory.report().join("comparisons.parquet")).unwrap();
     let frame = ParquetReader::new(file).finish().unwrap();
-    assert_eq!(frame.shape(), (28, 16));
+    assert_eq!(frame.shape(), (28, 18));
     let rejected = frame.column("rejected").unwrap().bool().unwrap().sum();
     let csv = fs::read_to_string(synthetic.directory.report().join("comparisons.csv")).unwrap();
     assert_eq!(

@@ -1,4 +1,5 @@
-//! `collect`: the data folder as a stream, from where an earlier one broke off. The function is [`collect`].
+//! `collect`: the data folder as a stream, from where an earlier one broke off. The functions are [`collect`], and [`send`]
+//! for any folder and stream; [`super::receive()`] is the other side.
 //!
 //! The stream is an LZ4 frame, with its checksum, of a tar (ustar) of the folder's regular files, two levels deep. An
 //! entry's content begins at the byte that is already there, and its size is that of the rest. Links are not followed. A
@@ -35,22 +36,29 @@ const SEND: &str = "send the data";
 pub fn collect(folder: &EnvironmentFolder) -> Result<(), DetachedError> {
     folder.look()?;
     let there: AlreadyThere = stream::read("lengths by path", MOST)?;
-    let path = folder.data();
+    send(&folder.data(), &there, io::stdout().lock())
+}
+
+/// Sends the files of a folder, each from the byte that is there already.
+///
+/// # Errors
+/// When a file cannot be read or is shorter than what is there already, or when nobody reads the stream.
+pub fn send(path: &Path, there: &AlreadyThere, out: impl Write) -> Result<(), DetachedError> {
     let flags = OFlags::RDONLY | OFlags::DIRECTORY | OFlags::NOFOLLOW | OFlags::CLOEXEC;
-    let data = rustix::fs::open(&path, flags, Mode::empty()).map_err(DetachedError::file(READ, &path))?;
-    let paths = files(&data, "", &path)?;
+    let data = rustix::fs::open(path, flags, Mode::empty()).map_err(DetachedError::file(READ, path))?;
+    let paths = files(&data, "", path)?;
     // Before anything is sent, so that it is told as what it is.
     for relative in &paths {
-        open_entry(&data, relative, &there, &path)?;
+        open_entry(&data, relative, there, path)?;
     }
     let frame = FrameInfo::new()
         .block_size(BlockSize::Max256KB)
         .block_mode(BlockMode::Linked)
         .content_checksum(true);
-    let mut stream = FrameEncoder::with_frame_info(frame, io::stdout().lock());
+    let mut stream = FrameEncoder::with_frame_info(frame, out);
     for relative in &paths {
-        if let Some(entry) = open_entry(&data, relative, &there, &path)? {
-            entry.send(relative, &mut stream, &path)?;
+        if let Some(entry) = open_entry(&data, relative, there, path)? {
+            entry.send(relative, &mut stream, path)?;
         }
     }
     // A tar ends with two empty blocks.

@@ -18,7 +18,8 @@ pub enum CommandLineError {
     Variable(String),
 }
 
-/// The line that starts a program in `/`, with nothing of the surroundings but `PATH` and `HOME`.
+/// The line that starts a program in `/`, with nothing of the surroundings but `PATH` and `HOME`. On macOS what people
+/// install is not in the `PATH` of a shell that is no login shell.
 ///
 /// # Errors
 /// When there is no line for it.
@@ -27,7 +28,8 @@ pub fn of_program(program: &Program) -> Result<String, CommandLineError> {
     if file.contains('=') {
         return Err(CommandLineError::Variable(file.to_owned()));
     }
-    let mut line = r#"cd / && exec env -i PATH="$PATH" HOME="$HOME""#.to_owned();
+    let mut line =
+        r#"cd / && exec env -i PATH="$PATH:/usr/local/bin:/opt/homebrew/bin" HOME="$HOME""#.to_owned();
     push(&mut line, file);
     for argument in &program.arguments {
         push(&mut line, text(argument)?);

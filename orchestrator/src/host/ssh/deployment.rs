@@ -1,9 +1,11 @@
-//! Putting the workload on a host. The main function is [`deploy`].
+//! Putting the workload on a host, or what stands in for its keeper where no workload runs. The main function is
+//! [`deploy`].
 //!
 //! It goes where a `matrix` on the host would put it (`StateDirectory`), under a name with its hash: what is there is
 //! compared and not sent again, and nothing that runs is ever written over.
 
 use std::{
+    borrow::Cow,
     path::{Path, PathBuf},
     time::Duration,
 };
@@ -34,18 +36,25 @@ case ${MATRIX_LEASE-} in /*) lease=$MATRIX_LEASE ;; esac
 printf '%s\n' "$(uname -s)" "$(uname -m)" "$state" "$lease"
 "#;
 
-/// The SHA-256 of `$1`, if it is there.
-const HASH: &str = r#"[ ! -x "$1" ] || sha256sum < "$1""#;
+/// On systems where the workload does not run: what can be asked of them all the same.
+const STAND_IN: &str = include_str!("stand_in.pl");
+
+/// The SHA-256 of `$1`, if it is there. macOS has no sha256sum.
+const HASH: &str = r#"
+sum() { if command -v sha256sum >/dev/null; then sha256sum; else shasum -a 256; fi; }
+[ ! -x "$1" ] || sum < "$1"
+"#;
 
 /// Standard input becomes `$1/$2` if its SHA-256 is `$3`.
 const PUT: &str = r#"
 set -eu
 umask 022
+sum() { if command -v sha256sum >/dev/null; then sha256sum; else shasum -a 256; fi; }
 mkdir -p "$1"
 file=$1/.$2.$$
 trap 'rm -f "$file"' EXIT HUP INT TERM
 cat > "$file"
-case $(sha256sum < "$file") in
+case $(sum < "$file") in
     "$3 "*) ;;
     *) echo "what has arrived is not what was sent" >&2; exit 1 ;;
 esac
@@ -56,8 +65,6 @@ mv -f "$file" "$1/$2"
 /// Why a host gets no workload.
 #[derive(Debug, thiserror::Error)]
 enum NoDeployment {
-    #[error("it runs {0}, and the workload is a program for Linux")]
-    System(String),
     #[error(transparent)]
     Machine(#[from] UnknownMachine),
     #[error(transparent)]
@@ -71,50 +78,67 @@ enum NoDeployment {
 impl NoDeployment {
     fn hint(&self) -> Option<String> {
         match self {
-            Self::System(_) => {
-                Some("have the workload run in a virtual machine or a container there".to_owned())
-            }
             Self::Workload(none) => Some(none.hint()),
             Self::Machine(_) => None,
             Self::Answer(_) => {
                 Some("a login shell may greet on a terminal only: see ~/.bashrc there".to_owned())
             }
-            Self::Said(_) => {
-                Some("it needs `sh`, `sha256sum` and a state directory that can be written".to_owned())
-            }
+            Self::Said(_) => Some(
+                "it needs `sh`, `sha256sum` or `shasum`, and a state directory that can be written"
+                    .to_owned(),
+            ),
         }
     }
 }
 
-/// Has the workload on the host, whatever it takes.
+/// What a host says when it is looked at.
+#[derive(Debug, Clone, PartialEq, Eq)]
+struct Look {
+    /// None where the system is not Linux.
+    machine: Option<Machine>,
+    state: PathBuf,
+    lease: PathBuf,
+}
+
+/// Has the program on the host, whatever it takes.
 pub async fn deploy(host: &SshHost) -> Result<Deployed, HostError> {
     let said = run(host, LOOK, &[], &[]).await?;
-    let (machine, state, lease) = read_look(&said).map_err(|error| refused(host, error))?;
-    // Reading one from a disk, or hashing it, is done in no time beside the network's.
-    let workload = machine.workload().map_err(|error| refused(host, error.into()))?;
-    let sha256 = workload_binary::hash_of(&workload);
-    let folder = state.join("bin");
-    let name = format!("workload-{}", sha256.get(..16).unwrap_or_default());
-    let program = folder.join(&name);
-    let there = run(host, HASH, &[&text(&program)], &[]).await?;
+    let look = read_look(&said).map_err(|error| refused(host, error))?;
+    let (kind, program) = match look.machine {
+        // Reading one from a disk, or hashing it, is done in no time beside the network's.
+        Some(machine) => (
+            "workload",
+            machine.workload().map_err(|error| refused(host, error.into()))?,
+        ),
+        None => ("stand-in", Cow::Borrowed(STAND_IN.as_bytes())),
+    };
+    let sha256 = workload_binary::hash_of(&program);
+    let folder = look.state.join("bin");
+    let name = format!("{kind}-{}", sha256.get(..16).unwrap_or_default());
+    let file = folder.join(&name);
+    let there = run(host, HASH, &[&text(&file)], &[]).await?;
     if there.split_whitespace().next() != Some(&sha256) {
-        run(host, PUT, &[&text(&folder), &name, &sha256], &workload).await?;
+        run(host, PUT, &[&text(&folder), &name, &sha256], &program).await?;
     }
     Ok(Deployed {
-        program,
+        program: file,
         sha256,
-        environments: state.join("environments"),
-        lease,
+        environments: look.state.join("environments"),
+        lease: look.lease,
     })
 }
 
-fn read_look(said: &str) -> Result<(Machine, PathBuf, PathBuf), NoDeployment> {
+fn read_look(said: &str) -> Result<Look, NoDeployment> {
     let lines: Vec<&str> = said.lines().collect();
     match lines.as_slice() {
-        ["Linux", machine, state, lease] if state.starts_with('/') => {
-            Ok((machine.parse()?, PathBuf::from(state), PathBuf::from(lease)))
-        }
-        [system, _, state, _] if state.starts_with('/') => Err(NoDeployment::System((*system).to_owned())),
+        [system, machine, state, lease] if state.starts_with('/') => Ok(Look {
+            machine: match *system {
+                "Linux" => Some(machine.parse()?),
+                _ => None,
+            },
+            state: PathBuf::from(state),
+            lease: PathBuf::from(lease),
+        }),
         _ => Err(NoDeployment::Answer(said.trim().to_owned())),
     }
 }
@@ -152,12 +176,9 @@ mod tests {
     use super::*;
 
     #[rstest::rstest]
-    #[case("Linux\nx86_64\n/home/a/.local/state/matrix\n/l\n", Ok((Machine::X86_64, "/home/a/.local/state/matrix")))]
-    #[case("Linux\naarch64\n/var/lib/matrix\n/l\n", Ok((Machine::Aarch64, "/var/lib/matrix")))]
-    #[case(
-        "Darwin\narm64\n/Users/a/.local/state/matrix\n/l\n",
-        Err("it runs Darwin, and the workload is a program for Linux")
-    )]
+    #[case("Linux\nx86_64\n/home/a/.local/state/matrix\n/l\n", Ok((Some(Machine::X86_64), "/home/a/.local/state/matrix")))]
+    #[case("Linux\naarch64\n/var/lib/matrix\n/l\n", Ok((Some(Machine::Aarch64), "/var/lib/matrix")))]
+    #[case("Darwin\narm64\n/Users/a/.local/state/matrix\n/l\n", Ok((None, "/Users/a/.local/state/matrix")))]
     #[case(
         "Linux\nriscv64\n/m\n/l\n",
         Err("there is no workload for riscv64: it is built for x86_64, i686 and aarch64")
@@ -170,10 +191,14 @@ mod tests {
     )]
     fn what_a_host_is_decides_what_it_gets(
         #[case] said: &str,
-        #[case] answer: Result<(Machine, &str), &str>,
+        #[case] answer: Result<(Option<Machine>, &str), &str>,
     ) {
         let read = read_look(said).map_err(|error| error.to_string());
-        let answer = answer.map(|(machine, state)| (machine, state.into(), "/l".into()));
+        let answer = answer.map(|(machine, state)| Look {
+            machine,
+            state: state.into(),
+            lease: "/l".into(),
+        });
         assert_eq!(read, answer.map_err(str::to_owned));
     }
 }

@@ -8,12 +8,13 @@ use std::{
     io,
     path::{Path, PathBuf},
     sync::{Arc, OnceLock},
+    time::Duration,
 };
 
 use bollard::{Docker as Api, errors::Error};
 
 use crate::{
-    host::{Forward, Host, Listener},
+    host::{Forward, Host, Listener, Program, output},
     provider::{
         Availability, ProviderError,
         patience::{self, Patience},
@@ -26,12 +27,24 @@ const OLDEST_API: (u32, u32) = (1, 41);
 const TUN: &str = "/dev/net/tun";
 /// Where an engine listens unless it is told otherwise.
 pub const SOCKET: &str = "/var/run/docker.sock";
+/// The first socket that is there, of those where engines of a user's own listen: rootless ones and Docker Desktop's on
+/// Linux; Docker Desktop's, Colima's, OrbStack's and Rancher Desktop's on macOS.
+const FIND_SOCKET: &str = r#"
+for socket in /var/run/docker.sock "/run/user/$(id -u)/docker.sock" \
+    "$HOME/.docker/run/docker.sock" "$HOME/.docker/desktop/docker.sock" \
+    "$HOME/.colima/default/docker.sock" "$HOME/.orbstack/run/docker.sock" "$HOME/.rd/docker.sock"
+do
+    if [ -S "$socket" ]; then printf %s "$socket"; exit; fi
+done
+"#;
+/// To look whether some files are there.
+const LOOKING: Duration = Duration::from_secs(60);
 
 /// How an engine is reached.
 pub enum Way {
     /// At an address such as `unix:///var/run/docker.sock`.
     Address(String),
-    /// By its usual socket on another machine.
+    /// By the first of the usual sockets that is there, on another machine.
     Forwarded(Arc<dyn Host>),
 }
 
@@ -122,7 +135,14 @@ impl Engine {
     }
 
     async fn on(host: &Arc<dyn Host>) -> Result<Self, ProviderError> {
-        let listener = Listener::Unix(SOCKET.into());
+        let find = Program::new("sh", ["-c", FIND_SOCKET]);
+        let (_, found) = output(host.as_ref(), &find, b"", LOOKING).await?;
+        let socket = match String::from_utf8_lossy(&found).trim() {
+            // That nobody listens there is said with its name.
+            "" => SOCKET.to_owned(),
+            found => found.to_owned(),
+        };
+        let listener = Listener::Unix(socket.into());
         let forward = Forward::open(Arc::clone(host), listener).map_err(|source| ProviderError::Refused {
             platform: "this machine".to_owned(),
             action: "making a socket".to_owned(),

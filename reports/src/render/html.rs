@@ -1,0 +1,226 @@
+//! The report as one page: `report.html`, which needs no network, no JavaScript and no other file. Light and dark, on a
+//! phone and on paper. The main function is [`render`].
+//!
+//! ```text
+//! verdict -> remarks -> matrix -> heatmap -> tables -> pairs -> windows -> trajectories -> environments -> methods
+//! ```
+//!
+//! Colours are named in `style.css`, so that drawings follow light and dark; nothing is said by colour alone. What a browser
+//! shows when the mouse rests on something stands in a table as well.
+
+mod heatmap;
+mod matrix;
+mod pair;
+mod plot;
+mod windows;
+
+use maud::{DOCTYPE, Markup, PreEscaped, html};
+
+use crate::{
+    figure::Figure,
+    report::{Report, ScenarioReport},
+    run_directory::EnvironmentRecord,
+    table::Table,
+};
+
+const STYLE: &str = include_str!("html/style.css");
+const SORT: &str = include_str!("html/sort.js");
+
+/// The page. `figures` are those that are drawn elsewhere, too.
+pub(super) fn render(report: &Report, figures: &[Figure]) -> String {
+    let page = html! {
+        (DOCTYPE)
+        html lang="en" {
+            head {
+                meta charset="utf-8";
+                meta name="viewport" content="width=device-width, initial-scale=1";
+                meta name="color-scheme" content="light dark";
+                title { "Report of " (report.run) }
+                style { (PreEscaped(STYLE)) }
+            }
+            body {
+                a .skip href="#tables" { "To the tables" }
+                header {
+                    h1 { "Report of " (report.run) }
+                    p { time datetime=(report.created) { (report.created) } }
+                    p #verdict { (report.verdict()) }
+                    @if !report.remarks.is_empty() {
+                        ul #remarks { @for remark in &report.remarks { li { (prose(remark)) } } }
+                    }
+                }
+                (contents())
+                main {
+                    (section("matrix", "The matrix", &matrix::draw(report)))
+                    (section("heatmap", "Every comparison", &heatmap::draw(report)))
+                    section #tables {
+                        h2 { "Tables" }
+                        @for (number, table) in report.tables.iter().enumerate() { (drawn(table, number)) }
+                    }
+                    (section("pairs", "Pairs", &pair::draw(report)))
+                    (section("windows", "Windows", &windows::draw(report)))
+                    (section("trajectories", "Trajectories", &trajectories(figures)))
+                    (section("environments", "Environments", &environments(report)))
+                    (section("methods", "Methods", &methods(report)))
+                }
+                script { (PreEscaped(SORT)) }
+            }
+        }
+    };
+    page.into_string()
+}
+
+const SECTIONS: [(&str, &str); 8] = [
+    ("matrix", "Matrix"),
+    ("heatmap", "Comparisons"),
+    ("tables", "Tables"),
+    ("pairs", "Pairs"),
+    ("windows", "Windows"),
+    ("trajectories", "Trajectories"),
+    ("environments", "Environments"),
+    ("methods", "Methods"),
+];
+
+fn contents() -> Markup {
+    html! {
+        nav aria-label="Contents" {
+            ul { @for (id, name) in SECTIONS { li { a href={ "#" (id) } { (name) } } } }
+        }
+    }
+}
+
+fn section(id: &str, title: &str, content: &Markup) -> Markup {
+    html! { section id=(id) { h2 { (title) } (content) } }
+}
+
+/// A table with its notes. Its columns can be sorted where there is JavaScript.
+fn drawn(table: &Table, number: usize) -> Markup {
+    let id = format!("table-{number}");
+    html! {
+        h3 id=(id) { (table.title) }
+        @if !table.rows.is_empty() {
+            // A keyboard moves what is wider than the screen.
+            div .wide tabindex="0" role="region" aria-labelledby=(id) {
+                table .sortable {
+                    thead { tr { @for column in &table.columns {
+                        th scope="col" .number[column.is_number] { (column.heading) }
+                    } } }
+                    tbody { @for row in &table.rows {
+                        tr { @for (cell, column) in row.iter().zip(&table.columns) {
+                            td .number[column.is_number] { (cell) }
+                        } }
+                    } }
+                }
+            }
+        }
+        @for note in &table.notes { p .note { (prose(note)) } }
+    }
+}
+
+/// A text whose names of files and settings stand between backticks, as in Markdown.
+fn prose(text: &str) -> Markup {
+    html! {
+        @for (index, part) in text.split('`').enumerate() {
+            @if index % 2 == 0 { (part) } @else { code { (part) } }
+        }
+    }
+}
+
+/// Drawings for paper, which are white in the dark, too.
+fn trajectories(figures: &[Figure]) -> Markup {
+    let mut trajectories = figures
+        .iter()
+        .filter(|figure| figure.name.starts_with("trajectory-"))
+        .peekable();
+    html! {
+        @if trajectories.peek().is_none() { p { "No window has a whole period." } }
+        @for figure in trajectories {
+            figure .paper role="img" aria-label={ "Target and actual position, " (figure.name) } {
+                // Of our own making, by a library that escapes texts.
+                (PreEscaped(&figure.svg))
+            }
+        }
+    }
+}
+
+fn environments(report: &Report) -> Markup {
+    let with = |scenario: &ScenarioReport| {
+        let environment = scenario.environment.as_ref()?;
+        Some((scenario.id.clone(), scenario.slug.clone(), facts(environment)))
+    };
+    let described: Vec<_> = report.scenarios.iter().filter_map(with).collect();
+    html! {
+        p { "What was different between the environments of a rejected pair stands among the tables." }
+        @if described.is_empty() { p { "No scenario came so far as to have an environment." } }
+        @for (id, slug, facts) in described {
+            details {
+                summary { (id) " " (slug) }
+                dl { @for (name, value) in facts { dt { (name) } dd { (value) } } }
+            }
+        }
+    }
+}
+
+/// What an environment was, field by field, by its dotted path.
+fn facts(environment: &EnvironmentRecord) -> Vec<(String, String)> {
+    let mut facts = vec![
+        ("provider".to_owned(), environment.provider.clone()),
+        ("host".to_owned(), environment.host.clone()),
+    ];
+    for (name, value) in &environment.facts {
+        flatten(name, value, &mut facts);
+    }
+    if let Some(platform) = &environment.platform {
+        flatten("platform", platform, &mut facts);
+    }
+    facts
+}
+
+fn flatten(path: &str, value: &serde_json::Value, facts: &mut Vec<(String, String)>) {
+    match value {
+        serde_json::Value::Null => {}
+        serde_json::Value::Object(fields) => {
+            for (name, field) in fields {
+                flatten(&format!("{path}.{name}"), field, facts);
+            }
+        }
+        other => facts.push((path.to_owned(), crate::report::text_of(other))),
+    }
+}
+
+fn methods(report: &Report) -> Markup {
+    html! {
+        p { (prose(&report.method())) }
+        p {
+            "The numbers behind every drawing: " code { "comparisons.csv" } " (each test of two windows), "
+            code { "contrasts.csv" } " (each pair of scenarios), " code { "samples.csv" } " (each period's error), and all of it in "
+            code { "report.json" } ", beside this file. docs/statistics.md of matrix has formulas and sources."
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn names_of_files_and_settings_are_set_as_code() {
+        let prose = prose("see `a.csv` and `report.alpha`").into_string();
+        assert_eq!(prose, "see <code>a.csv</code> and <code>report.alpha</code>");
+    }
+
+    #[test]
+    fn facts_are_named_by_their_paths_and_nothing_stands_for_what_is_not_known() {
+        let mut facts = Vec::new();
+        let platform =
+            serde_json::json!({"cpu": {"model": "x", "governor": null}, "load": 0.5, "list": [1, 2]});
+        flatten("platform", &platform, &mut facts);
+        let facts: Vec<_> = facts
+            .iter()
+            .map(|(name, value)| format!("{name}={value}"))
+            .collect();
+        assert_eq!(
+            facts,
+            ["platform.cpu.model=x", "platform.load=0.5", "platform.list=[1,2]"]
+        );
+    }
+}

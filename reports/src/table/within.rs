@@ -1,0 +1,65 @@
+//! What the values within the windows have to do with each other, and which windows are not steady.
+
+use super::{NO_DATA, Table, clipped, texts};
+use crate::{report::Report, steadiness::CHANGE_LEVEL};
+
+pub(super) fn of(report: &Report) -> Table {
+    let rows = report
+        .scenarios
+        .iter()
+        .map(|scenario| {
+            let mut row = vec![scenario.id.clone(), clipped(&scenario.slug)];
+            let Some(within) = &scenario.within else {
+                row.extend(["–", "–", "–", NO_DATA].map(str::to_owned));
+                return row;
+            };
+            match &within.dependence {
+                Some(found) => row.extend([
+                    format!("{:+.2}", found.lag_one()),
+                    format!("{:.1}", found.time),
+                    format!("{:.0} of {}", found.effective, found.n),
+                ]),
+                None => row.extend(["–", "–", "–"].map(str::to_owned)),
+            }
+            row.push(within.unsteady.len().to_string());
+            row
+        })
+        .collect();
+    let mut notes = vec![format!(
+        "Lag 1: correlation of a period's error with the next one's. Time: autocorrelation time in periods, by Geyer's \
+         initial positive sequence; so many values are worth one. Unsteady: windows that warm up beyond what is left out \
+         (MSER) or whose level changes (CUSUM, p < {CHANGE_LEVEL}, so about one in a hundred steady ones too). Nothing is \
+         cut for it: `report.discard_periods` does that."
+    )];
+    for scenario in &report.scenarios {
+        for (window, found) in scenario.within.iter().flat_map(|within| &within.unsteady) {
+            let id = &scenario.id;
+            notes.extend(
+                found
+                    .warm_up
+                    .map(|periods| format!("{id} window {window}: warms up for {periods:.1} periods.")),
+            );
+            notes.extend(found.change.map(|change| {
+                format!(
+                    "{id} window {window}: its level changes by {:+.2} mm after {} periods, p = {:.4}.",
+                    change.by * 1e3,
+                    change.after,
+                    change.p
+                )
+            }));
+        }
+    }
+    Table {
+        title: "Within the windows".to_owned(),
+        columns: texts(&[
+            ("", false),
+            ("scenario", false),
+            ("lag 1", true),
+            ("time", true),
+            ("worth", true),
+            ("unsteady", true),
+        ]),
+        rows,
+        notes,
+    }
+}
