@@ -10,6 +10,7 @@ use std::{
     io::ErrorKind,
     net::{SocketAddr, UdpSocket},
     process::ExitCode,
+    sync::atomic::{AtomicBool, Ordering},
     thread,
     time::{Duration, Instant},
 };
@@ -58,8 +59,8 @@ fn main() -> ExitCode {
 const PINGS: u64 = 3000;
 /// From one to the next.
 const PING_EVERY: Duration = Duration::from_millis(2);
-/// Nothing is under way for longer than this.
-const LONGEST: Duration = Duration::from_millis(500);
+/// Nothing is under way for longer than this, however the machine stumbles.
+const LONGEST: Duration = Duration::from_secs(1);
 
 fn a_survey_finds_what_the_network_needs() {
     network::survey(&NetworkSettings::default()).unwrap();
@@ -114,25 +115,16 @@ fn at_once_until_impaired() {
 }
 
 fn round_trips_take_as_long_as_asked(pings: &Pings) {
-    let times_ms: Vec<f64> = pings
-        .round_trips
-        .values()
-        .map(|time| time.as_secs_f64() * 1e3)
-        .collect();
-    let mean = times_ms.iter().sum::<f64>() / times_ms.len() as f64;
-    let variance = times_ms.iter().map(|time| (time - mean).powi(2)).sum::<f64>() / times_ms.len() as f64;
+    let times_ms = pings.round_trips.values().map(|time| time.as_secs_f64() * 1e3);
+    let [lower, median, upper] = quartiles(times_ms);
+    let spread = upper - lower;
     eprintln!(
-        "round trip: mean {mean:.3} ms, standard deviation {:.3} ms, n = {}",
-        variance.sqrt(),
-        times_ms.len()
+        "round trip: median {median:.3} ms, between the quartiles {spread:.3} ms, n = {}",
+        pings.round_trips.len()
     );
-    assert!((mean - 40.0).abs() < 1.0, "mean round trip {mean} ms");
-    // Four uniform delays of ±1 ms: sqrt(4/3) = 1.155 ms.
-    assert!(
-        (variance.sqrt() - 1.155).abs() < 0.3,
-        "standard deviation {} ms",
-        variance.sqrt()
-    );
+    assert!((median - 40.0).abs() < 1.0, "median round trip {median} ms");
+    // Four uniform delays of ±1 ms: 1.613 ms.
+    assert!((spread - 1.613).abs() < 0.4, "{spread} ms between the quartiles");
 }
 
 fn losses_are_as_asked(pings: &Pings, network: &dyn Network) {
@@ -187,14 +179,27 @@ fn captures_have_what_happened(pings: &Pings, records: &[CaptureRecord; 3], pack
     assert_eq!(echoed.keys().copied().collect::<HashSet<_>>(), pings.echoed);
     assert_eq!(stamps(sta2, back).len(), pings.echoed.len());
     assert_eq!(stamps(sta1, back).len(), pings.round_trips.len());
-    // The switch learns where sta2 is only from its first answer.
-    assert!(h1.len() < 30, "h1 saw {} packets between the others", h1.len());
+    // The switch learns where sta2 is from its first answer, 10 ms after it was sent; before that, h1 gets everything.
+    let first_answer = stamps(sta2, back).into_values().min().unwrap();
+    for number in stamps(h1, out).into_keys() {
+        assert!(
+            sent[&number] < first_answer + 50_000_000,
+            "h1 saw packet {number} between the others, {} ns after the first answer",
+            sent[&number] - first_answer
+        );
+    }
+    assert_eq!(
+        stamps(h1, back).len(),
+        0,
+        "where sta1 is was known from the start"
+    );
 
     let one_way_ms = |from: &HashMap<u64, i64>, to: &HashMap<u64, i64>| {
-        to.iter()
-            .map(|(number, stamp)| (stamp - from[number]) as f64 / 1e6)
-            .sum::<f64>()
-            / to.len() as f64
+        let [_, median, _] = quartiles(
+            to.iter()
+                .map(|(number, stamp)| (stamp - from[number]) as f64 / 1e6),
+        );
+        median
     };
     let (there, back_again) = (
         one_way_ms(&sent, &echoed),
@@ -311,13 +316,14 @@ fn ping(network: &dyn Network, count: u64) -> Pings {
     let server = udp(network, VirtualHost::Sta2);
     let begun = Instant::now();
     let due = |number: u64| PING_EVERY * u32::try_from(number).unwrap();
+    let all_sent = AtomicBool::new(false);
     let (echoed, returned) = thread::scope(|scope| {
         let echoing = scope.spawn(|| {
-            receive_all(&server, |datagram, from| {
+            receive_all(&server, &all_sent, |datagram, from| {
                 server.send_to(datagram, from).unwrap();
             })
         });
-        let returning = scope.spawn(|| receive_all(&client, |_, _| ()));
+        let returning = scope.spawn(|| receive_all(&client, &all_sent, |_, _| ()));
         for number in 0..count {
             thread::sleep(due(number).saturating_sub(begun.elapsed()));
             let mut datagram = [0; 16];
@@ -325,6 +331,7 @@ fn ping(network: &dyn Network, count: u64) -> Pings {
             datagram[8..].copy_from_slice(&(begun.elapsed().as_nanos() as u64).to_be_bytes());
             client.send_to(&datagram, address(VirtualHost::Sta2)).unwrap();
         }
+        all_sent.store(true, Ordering::Relaxed);
         (echoing.join().unwrap(), returning.join().unwrap())
     });
     let round_trip = |(number, sent_ns, received): (u64, u64, Instant)| {
@@ -339,12 +346,17 @@ fn ping(network: &dyn Network, count: u64) -> Pings {
     }
 }
 
-/// Receives until nothing comes for long; each with its number and sender's time.
-fn receive_all(socket: &UdpSocket, mut then: impl FnMut(&[u8], SocketAddr)) -> Vec<(u64, u64, Instant)> {
+/// Receives until all was sent and nothing came for long since; each with its number and sender's time.
+fn receive_all(
+    socket: &UdpSocket,
+    all_sent: &AtomicBool,
+    mut then: impl FnMut(&[u8], SocketAddr),
+) -> Vec<(u64, u64, Instant)> {
     socket.set_read_timeout(Some(LONGEST)).unwrap();
     let mut received = Vec::new();
     let mut datagram = [0; 16];
     loop {
+        let last = all_sent.load(Ordering::Relaxed);
         match socket.recv_from(&mut datagram) {
             Ok((_, from)) => {
                 let now = Instant::now();
@@ -352,7 +364,8 @@ fn receive_all(socket: &UdpSocket, mut then: impl FnMut(&[u8], SocketAddr)) -> V
                 let field = |at: usize| u64::from_be_bytes(datagram[at..at + 8].try_into().unwrap());
                 received.push((field(0), field(8), now));
             }
-            Err(error) if error.kind() == ErrorKind::WouldBlock => return received,
+            Err(error) if error.kind() == ErrorKind::WouldBlock && last => return received,
+            Err(error) if error.kind() == ErrorKind::WouldBlock => (),
             Err(error) => panic!("{error}"),
         }
     }
@@ -394,6 +407,13 @@ fn assert_plausible(what: &str, lost: u64, of: u64, rate: f64) {
 fn binomial_probability(k: u64, n: u64, p: f64) -> f64 {
     let log_choose: f64 = (1..=k).map(|i| ((n - k + i) as f64 / i as f64).ln()).sum();
     (log_choose + k as f64 * p.ln() + (n - k) as f64 * (-p).ln_1p()).exp()
+}
+
+/// In order, so that a moment in which the machine did something else is one value among many.
+fn quartiles(values: impl Iterator<Item = f64>) -> [f64; 3] {
+    let mut values: Vec<f64> = values.collect();
+    values.sort_by(f64::total_cmp);
+    [1, 2, 3].map(|quarter| values[values.len() * quarter / 4])
 }
 
 /// The numbers of the datagrams that went from one host to another, and when.

