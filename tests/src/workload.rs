@@ -6,8 +6,9 @@ use std::{
     sync::OnceLock,
 };
 
-/// Where the static `workload` binary for this machine's architecture is; built first if need be, in the folder in
-/// which `orchestrator/build.rs` builds the one that `matrix` carries, so that it is built once.
+/// Where the static `workload` binary for this machine's architecture is; built first if need be. Not in the folder of the
+/// one that `matrix` carries: that has flags of its own, and each of the two would take the other's place, and `matrix` be
+/// built again with the wrong one.
 ///
 /// # Panics
 /// When it cannot be built.
@@ -31,7 +32,7 @@ fn deployed() -> escargot::CargoBuild {
         .manifest_path(Path::new(env!("CARGO_MANIFEST_DIR")).join("../Cargo.toml"))
         .env("RUSTFLAGS", "-C target-feature=+crt-static")
         .target(format!("{}-unknown-linux-gnu", std::env::consts::ARCH))
-        .target_dir(target_directory().join("workload-static"))
+        .target_dir(target_directory().join("workload-tested"))
         .args(["--locked", "--profile", "deploy"])
 }
 
