@@ -24,7 +24,7 @@ use orchestrator::{
     matrix_file::Ssh,
     provider::{
         Environment as _,
-        detached::{DetachedEnvironment, Keeper},
+        detached::{ClockReading, DetachedEnvironment, Keeper},
     },
 };
 use tests::sshd::{Sshd, user};
@@ -126,8 +126,9 @@ fn host(sshd: &Sshd, port: u16) -> Arc<dyn Host> {
 
 async fn collect(keeper: &Arc<Keeper>) -> Duration {
     let into = tempfile::tempdir().unwrap();
-    let mut environment =
-        DetachedEnvironment::new(Arc::clone(keeper), ENVIRONMENT, serde_json::Map::new(), false);
+    let (clock, _) = ClockReading::of(keeper).await.unwrap();
+    let facts = serde_json::Map::new();
+    let mut environment = DetachedEnvironment::new(Arc::clone(keeper), ENVIRONMENT, facts, clock, false);
     let begun = Instant::now();
     environment.collect(into.path()).await.unwrap();
     begun.elapsed()

@@ -15,7 +15,12 @@ mod tree;
 mod typing;
 mod yaml;
 
-use std::{fs::File, io::Read, path::Path, sync::Arc};
+use std::{
+    fs::File,
+    io::Read,
+    path::{Path, absolute},
+    sync::Arc,
+};
 
 use reports::settings::ReportSettings;
 use workload::settings::{Settings, SettingsProblem};
@@ -116,7 +121,14 @@ impl MatrixFile {
         File::open(path)
             .and_then(|file| file.take(limit).read_to_end(&mut bytes))
             .map_err(|error| unreadable(&name, &error))?;
-        Self::parse(&name, &bytes, profile)
+        let mut file = Self::parse(&name, &bytes, profile)?;
+        // A run goes on from any folder with what its file named.
+        if let Some(folder) = absolute(path).ok().as_deref().and_then(Path::parent) {
+            for host in &mut file.hosts {
+                host.connection.stands_beside(folder);
+            }
+        }
+        Ok(file)
     }
 
     /// Reads a text under a name and applies a profile.

@@ -12,6 +12,7 @@
 //! The orchestrator writes with the same types that this crate reads, so that the format stands in one place.
 //! The main type is [`RunDirectory`].
 
+mod clock_drift;
 mod control_trace;
 mod environment;
 mod journal;
@@ -22,6 +23,7 @@ mod reading;
 
 use std::path::{Path, PathBuf};
 
+pub use clock_drift::ClockDrift;
 pub(crate) use control_trace::Expected;
 pub use control_trace::{ControlLogError, ControlTrace, Fault, PeriodError, PeriodPath, SLICES};
 pub use environment::{Difference, EnvironmentRecord};

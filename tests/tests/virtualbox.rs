@@ -82,6 +82,19 @@ fn a_machine_of_virtualbox_is_made_measured_in_reported_and_removed() {
     );
     assert_eq!(environment["platform"]["hostname"], "guest", "{environment:#}");
 
+    // Eight seconds and more of the machine's, which may be many more of ours: then the report says so.
+    let clock = &environment["facts"]["clock"];
+    let [seconds, drift_ms, within_ms] =
+        ["seconds", "drift_ms", "within_ms"].map(|name| clock[name].as_f64().unwrap());
+    assert!(seconds + drift_ms / 1e3 > 8.0, "{clock}");
+    let another_speed = drift_ms.abs() > within_ms && drift_ms.abs() > seconds * 10.0;
+    let report = run(&["report", directory.to_str().unwrap()]).out;
+    assert_eq!(
+        report.contains("its clock went"),
+        another_speed,
+        "{clock}\n{report}"
+    );
+
     assert_eq!(virtualbox.machines(), "");
     let machines = workplace.path().join("state/machines");
     assert_eq!(std::fs::read_dir(machines).unwrap().count(), 0);

@@ -1,6 +1,6 @@
 //! `matrix doctor [FILE]`: what this machine, or each host of a matrix file, can do, what is missing and how to get it.
 
-use std::{fmt::Write, path::PathBuf, sync::Arc, time::SystemTime};
+use std::{fmt::Write, path::PathBuf, sync::Arc};
 
 use clap::Args;
 use reports::run_directory::PlannedScenario;
@@ -17,7 +17,10 @@ use crate::{
     host::{Here, Host},
     matrix_file::{MatrixFile, THIS_MACHINE},
     plan::{self, HostFacts, Obstacle, Selection, order::Order},
-    provider::{self, Availability, ProviderError, ProviderSettings, Roster, detached::Keeper},
+    provider::{
+        self, Availability, ProviderError, ProviderSettings, Roster,
+        detached::{ClockReading, Keeper},
+    },
     run::room,
     state_directory::StateDirectory,
     survey,
@@ -50,27 +53,16 @@ struct Standing {
     uid: u32,
     /// Of the disk with its state folder.
     free_bytes: u64,
-    /// How far its clock is ahead of ours.
-    ahead_ms: f64,
-    /// By how much that may be wrong: half of the time that asking took.
-    within_ms: f64,
+    clock: ClockReading,
 }
 
 impl Standing {
     async fn of(host: &Arc<dyn Host>) -> Option<Self> {
-        let keeper = Keeper::new(Arc::clone(host));
-        // What is to be timed is the question and not the way to it.
-        keeper.deployed().await.ok()?;
-        let asked = SystemTime::now();
-        let said = keeper.platform().await.ok()?;
-        let took = asked.elapsed().ok()?;
-        let middle = asked + took / 2;
-        let here_ns = middle.duration_since(SystemTime::UNIX_EPOCH).ok()?.as_nanos();
+        let (clock, said) = ClockReading::of(&Keeper::new(Arc::clone(host))).await.ok()?;
         Some(Self {
             uid: said.uid,
             free_bytes: said.free_bytes,
-            ahead_ms: (i128::from(said.now_ns) - i128::try_from(here_ns).ok()?) as f64 / 1e6,
-            within_ms: took.as_secs_f64() * 1e3 / 2.0,
+            clock,
         })
     }
 
@@ -82,7 +74,11 @@ impl Standing {
     }
 
     fn clock(&self) -> String {
-        format!("{:+.0} ± {:.0} ms", self.ahead_ms, self.within_ms.ceil())
+        format!(
+            "{:+.0} ± {:.0} ms",
+            self.clock.ahead_ms,
+            self.clock.within_ms.ceil()
+        )
     }
 }
 
@@ -245,8 +241,8 @@ fn host_as_json(answer: &Answer) -> Value {
         "uid": answer.standing.as_ref().map(|it| it.uid),
         "free_bytes": answer.standing.as_ref().map(|it| it.free_bytes),
         "to_come_bytes": answer.to_come_bytes,
-        "clock_ahead_ms": answer.standing.as_ref().map(|it| it.ahead_ms),
-        "clock_within_ms": answer.standing.as_ref().map(|it| it.within_ms),
+        "clock_ahead_ms": answer.standing.as_ref().map(|it| it.clock.ahead_ms),
+        "clock_within_ms": answer.standing.as_ref().map(|it| it.clock.within_ms),
         "checks": answer.checks.as_ref().ok(),
         "providers": facts.providers.iter().map(|(name, provider)| {
             let mut answer = as_json(name, &provider.availability);

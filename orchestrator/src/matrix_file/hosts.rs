@@ -1,6 +1,11 @@
 //! The `hosts:` section: which machines there are, what they offer, how they are reached. The main type is [`Host`].
 
-use std::{fmt, path::PathBuf, str::FromStr, sync::Arc};
+use std::{
+    fmt,
+    path::{Path, PathBuf},
+    str::FromStr,
+    sync::Arc,
+};
 
 use schemars::JsonSchema;
 use serde::{
@@ -41,6 +46,21 @@ pub enum Connection {
     Ssh(Ssh),
 }
 
+impl Connection {
+    /// Takes the files that it names from a folder, that of the matrix file, where they are not named from the root or from
+    /// the user's home.
+    pub fn stands_beside(&mut self, folder: &Path) {
+        let Self::Ssh(ssh) = self else {
+            return;
+        };
+        for named in [&mut ssh.identity, &mut ssh.known_hosts] {
+            if let Some(path) = named.as_mut().filter(|path| !path.starts_with("~")) {
+                *path = folder.join(&*path);
+            }
+        }
+    }
+}
+
 /// What a connection over SSH needs to know.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
@@ -48,13 +68,13 @@ pub struct Ssh {
     /// Where to, as `user@host:port`.
     #[serde(rename = "ssh")]
     pub address: SshAddress,
-    /// The private key's file; the agent's keys when left out.
+    /// The private key's file, from the matrix file's folder; the agent's keys when left out.
     #[serde(default)]
     pub identity: Option<PathBuf>,
     /// A host to go through.
     #[serde(default)]
     pub jump: Option<SshAddress>,
-    /// The file with the host's key; those that `ssh` looks into when left out.
+    /// The file with the host's key, from the matrix file's folder; those that `ssh` looks into when left out.
     #[serde(default)]
     pub known_hosts: Option<PathBuf>,
 }
@@ -348,6 +368,28 @@ mod tests {
             (user, host, port)
         );
         assert_eq!(address.to_string(), text.trim_start_matches("ssh://"));
+    }
+
+    #[rstest]
+    #[case("keys/lab", "/lab/keys/lab")]
+    #[case("../lab", "/lab/../lab")]
+    #[case("/etc/lab", "/etc/lab")]
+    #[case("~/.ssh/lab", "~/.ssh/lab")]
+    fn a_file_is_named_from_the_matrix_files_folder(#[case] named: &str, #[case] means: &str) {
+        let mut connection = Connection::Ssh(Ssh {
+            address: "lab1".parse().unwrap(),
+            identity: Some(named.into()),
+            jump: None,
+            known_hosts: Some(named.into()),
+        });
+        connection.stands_beside(Path::new("/lab"));
+        let Connection::Ssh(ssh) = connection else {
+            unreachable!()
+        };
+        assert_eq!(
+            (ssh.identity, ssh.known_hosts),
+            (Some(means.into()), Some(means.into()))
+        );
     }
 
     #[rstest]

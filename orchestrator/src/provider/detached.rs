@@ -6,6 +6,7 @@
 //!               └── DetachedEnvironment ──> follow, collect            streams, taken up again after a cut
 //! ```
 
+mod clock;
 mod environment;
 mod transfer;
 
@@ -21,7 +22,7 @@ use workload::{
     settings::Need,
 };
 
-pub use self::environment::DetachedEnvironment;
+pub use self::{clock::ClockReading, environment::DetachedEnvironment};
 use super::{EnvironmentRequest, ProviderError, trial};
 use crate::host::{Deployed, Exit, Host, HostError, Program, RunningProgram, output};
 

@@ -15,7 +15,7 @@ use workload::{
 
 use super::{
     Availability, Environment, EnvironmentRequest, Leftover, Provider, ProviderError,
-    detached::{DetachedEnvironment, Keeper},
+    detached::{ClockReading, DetachedEnvironment, Keeper},
     trial,
 };
 use crate::host::{Host, Program};
@@ -82,7 +82,12 @@ impl Native {
         }
     }
 
-    async fn environment(&self, name: &str, running: bool) -> Result<Box<dyn Environment>, ProviderError> {
+    async fn environment(
+        &self,
+        name: &str,
+        clock: ClockReading,
+        running: bool,
+    ) -> Result<Box<dyn Environment>, ProviderError> {
         let mut facts = Map::<String, Value>::new();
         facts.insert("provider".to_owned(), json!(NAME));
         facts.insert(
@@ -93,6 +98,7 @@ impl Native {
             Arc::clone(&self.keeper),
             name,
             facts,
+            clock,
             running,
         )))
     }
@@ -128,8 +134,9 @@ impl Provider for Native {
     }
 
     async fn create(&self, request: &EnvironmentRequest) -> Result<Box<dyn Environment>, ProviderError> {
+        let (clock, _) = ClockReading::of(&self.keeper).await?;
         self.keeper.start(NAME, request).await?;
-        self.environment(&request.environment, true).await
+        self.environment(&request.environment, clock, true).await
     }
 
     async fn find(
@@ -139,7 +146,9 @@ impl Provider for Native {
         let listed = self.keeper.list().await?.environments;
         match listed.iter().find(|it| it.environment == request.environment) {
             Some(found) if found.started => {
-                Ok(Some(self.environment(&request.environment, found.running).await?))
+                let (clock, _) = ClockReading::of(&self.keeper).await?;
+                let environment = self.environment(&request.environment, clock, found.running);
+                Ok(Some(environment.await?))
             }
             _ => Ok(None),
         }

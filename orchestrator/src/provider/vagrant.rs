@@ -29,7 +29,7 @@ use self::{
 };
 use super::{
     Availability, Ended, Environment, EnvironmentRequest, Leftover, Provider, ProviderError,
-    detached::{DetachedEnvironment, Keeper},
+    detached::{ClockReading, DetachedEnvironment, Keeper},
 };
 use crate::host::{Host, Program};
 
@@ -96,6 +96,7 @@ impl Vagrant {
         &self,
         entered: Entered,
         name: &str,
+        clock: ClockReading,
         running: bool,
     ) -> Result<Box<dyn Environment>, ProviderError> {
         let mut facts = Map::<String, Value>::new();
@@ -109,7 +110,7 @@ impl Vagrant {
             "workload_sha256".to_owned(),
             json!(entered.keeper.deployed().await?.sha256),
         );
-        let workload = DetachedEnvironment::new(Arc::clone(&entered.keeper), name, facts, running);
+        let workload = DetachedEnvironment::new(Arc::clone(&entered.keeper), name, facts, clock, running);
         Ok(Box::new(VagrantEnvironment {
             workload,
             machine: entered.machine,
@@ -144,8 +145,9 @@ impl Provider for Vagrant {
             .await?;
         machine.up(self.settings.boot_timeout.duration()).await?;
         let entered = self.enter(machine, &request.environment).await?;
+        let (clock, _) = ClockReading::of(&entered.keeper).await?;
         entered.keeper.start(self.provider, request).await?;
-        self.environment(entered, &request.environment, true).await
+        self.environment(entered, &request.environment, clock, true).await
     }
 
     async fn find(
@@ -168,7 +170,11 @@ impl Provider for Vagrant {
         let entered = self.enter(machine, name).await?;
         let listed = entered.keeper.list().await?.environments;
         match listed.iter().find(|it| it.environment == *name) {
-            Some(found) if found.started => Ok(Some(self.environment(entered, name, found.running).await?)),
+            Some(found) if found.started => {
+                let (clock, _) = ClockReading::of(&entered.keeper).await?;
+                let environment = self.environment(entered, name, clock, found.running);
+                Ok(Some(environment.await?))
+            }
             _ => Ok(None),
         }
     }

@@ -16,12 +16,7 @@ mod windows;
 
 use maud::{DOCTYPE, Markup, PreEscaped, html};
 
-use crate::{
-    figure::Figure,
-    report::{Report, ScenarioReport},
-    run_directory::EnvironmentRecord,
-    table::Table,
-};
+use crate::{figure::Figure, report::Report, run_directory::EnvironmentRecord, table::Table};
 
 const STYLE: &str = include_str!("html/style.css");
 const SORT: &str = include_str!("html/sort.js");
@@ -143,18 +138,20 @@ fn trajectories(figures: &[Figure]) -> Markup {
 }
 
 fn environments(report: &Report) -> Markup {
-    let with = |scenario: &ScenarioReport| {
-        let environment = scenario.environment.as_ref()?;
-        Some((scenario.id.clone(), scenario.slug.clone(), facts(environment)))
-    };
-    let described: Vec<_> = report.scenarios.iter().filter_map(with).collect();
+    let scenarios = report.scenarios.iter();
+    let described: Vec<_> = scenarios
+        .filter_map(|scenario| Some((scenario, scenario.environment.as_ref()?)))
+        .collect();
     html! {
         p { "What was different between the environments of a rejected pair stands among the tables." }
         @if described.is_empty() { p { "No scenario came so far as to have an environment." } }
-        @for (id, slug, facts) in described {
+        @for (scenario, environment) in described {
+            @for remark in environment.remarks() {
+                p { strong { (scenario.id) } " " (scenario.slug) ": " (remark) }
+            }
             details {
-                summary { (id) " " (slug) }
-                dl { @for (name, value) in facts { dt { (name) } dd { (value) } } }
+                summary { (scenario.id) " " (scenario.slug) }
+                dl { @for (name, value) in facts(environment) { dt { (name) } dd { (value) } } }
             }
         }
     }

@@ -100,18 +100,8 @@ fn scenario(scenario: &ScenarioReport) -> String {
             broken.window, broken.environment, broken.reason
         ));
     }
-    if let Some(foreign) = scenario
-        .environment
-        .as_ref()
-        .and_then(EnvironmentRecord::foreign_workload)
-    {
-        item(foreign);
-    }
-    for refusal in scenario.environment.iter().flat_map(EnvironmentRecord::refusals) {
-        item(refusal);
-    }
-    for change in scenario.environment.iter().flat_map(EnvironmentRecord::changes) {
-        item(change);
+    for remark in scenario.environment.iter().flat_map(EnvironmentRecord::remarks) {
+        item(remark);
     }
     items.join("\n")
 }

@@ -6,6 +6,8 @@ use serde::{Deserialize, Serialize};
 use serde_json::{Map, Value};
 use workload::record::platform::{PlatformChange, RealtimeGrant};
 
+use super::ClockDrift;
+
 /// What a scenario's platform was, from the outside and from the inside. That of an earlier environment, whose windows
 /// may count, stands beside it as `environment-<name>.json`.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
@@ -38,7 +40,8 @@ pub struct Difference {
 }
 
 /// What differs between any two environments and says nothing: names, moments, and what stands elsewhere.
-const ALWAYS_DIFFERENT: [&str; 11] = [
+const ALWAYS_DIFFERENT: [&str; 12] = [
+    ClockDrift::FACT,
     "hostname",
     "load_1min",
     "memory_available_bytes",
@@ -117,15 +120,29 @@ impl EnvironmentRecord {
         fields.remove("facts.provider");
         fields
     }
+
     /// Whether the numbers were made up by the `fake` provider: they say nothing about any platform.
     #[must_use]
     pub fn is_simulated(&self) -> bool {
         self.provider == "fake"
     }
 
-    /// What was not the same after the windows as before them, in words; empty if nothing changed.
+    /// What a reader of its windows must know, in words.
     #[must_use]
-    pub fn changes(&self) -> Vec<String> {
+    pub fn remarks(&self) -> Vec<String> {
+        let drift = self.facts.get(ClockDrift::FACT);
+        let drift = drift.and_then(|drift| ClockDrift::deserialize(drift).ok());
+        let of_the_clock = drift.and_then(|drift| drift.remark());
+        self.foreign_workload()
+            .into_iter()
+            .chain(of_the_clock)
+            .chain(self.refusals())
+            .chain(self.changes())
+            .collect()
+    }
+
+    /// What was not the same after the windows as before them, in words; empty if nothing changed.
+    fn changes(&self) -> Vec<String> {
         let changes = self
             .platform
             .as_ref()
@@ -140,8 +157,7 @@ impl EnvironmentRecord {
 
     /// That the workload was not built for the machine that the kernel says it is, in words; none where it was, or where
     /// the record does not say.
-    #[must_use]
-    pub fn foreign_workload(&self) -> Option<String> {
+    fn foreign_workload(&self) -> Option<String> {
         let platform = self.platform.as_ref()?;
         let name = |field: &str| platform.get(field).and_then(Value::as_str);
         let (built_for, kernel) = (name("workload_machine")?, name("machine")?);
@@ -150,8 +166,7 @@ impl EnvironmentRecord {
     }
 
     /// What the loops asked of the operating system and did not get, in words; empty if all was granted.
-    #[must_use]
-    pub fn refusals(&self) -> Vec<String> {
+    fn refusals(&self) -> Vec<String> {
         let grant = self
             .platform
             .as_ref()

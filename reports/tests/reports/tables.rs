@@ -226,7 +226,7 @@ fn what_the_operating_system_refused_the_loops_is_said() {
     synthetic.write_json(path, &record);
     let report = report_of(&synthetic);
     assert_eq!(
-        report.scenarios[0].environment.as_ref().unwrap().refusals(),
+        report.scenarios[0].environment.as_ref().unwrap().remarks(),
         ["real-time priority 80 was asked for and 0 granted: EPERM: Operation not permitted"]
     );
     assert!(

@@ -3,11 +3,12 @@
 use std::{io, path::Path, sync::Arc};
 
 use async_trait::async_trait;
-use serde_json::{Map, Value};
+use reports::run_directory::ClockDrift;
+use serde_json::{Map, Value, json};
 use tokio::{io::AsyncReadExt as _, net::UnixStream, task::JoinHandle, time::Instant};
 use workload::record::{detached, progress::Progress};
 
-use super::{Keeper, transfer};
+use super::{ClockReading, Keeper, transfer};
 use crate::{
     host::{Exit, HostError},
     provider::{
@@ -24,6 +25,8 @@ pub struct DetachedEnvironment {
     keeper: Arc<Keeper>,
     environment: String,
     facts: Map<String, Value>,
+    /// Its machine's clock before it measured, or when it was found again.
+    clock: ClockReading,
     /// Whether it ran when it was created or found.
     ran: bool,
     following: Option<Following>,
@@ -45,13 +48,20 @@ struct Following {
 }
 
 impl DetachedEnvironment {
-    /// That of this name; with what explains it, and whether its workload runs.
+    /// That of this name; with what explains it, its machine's clock, and whether its workload runs.
     #[must_use]
-    pub fn new(keeper: Arc<Keeper>, environment: &str, facts: Map<String, Value>, running: bool) -> Self {
+    pub fn new(
+        keeper: Arc<Keeper>,
+        environment: &str,
+        facts: Map<String, Value>,
+        clock: ClockReading,
+        running: bool,
+    ) -> Self {
         Self {
             keeper,
             environment: environment.to_owned(),
             facts,
+            clock,
             ran: running,
             following: None,
             lines: Lines::default(),
@@ -146,6 +156,11 @@ impl Environment for DetachedEnvironment {
             Some(detached::Ended::Signal(signal)) => Ended::by_signal(signal.into()),
             None => Ended::by_last_line(self.last_line.as_ref()),
         };
+        // Windows do not go lost for a fact.
+        if let Ok((after, _)) = ClockReading::of(&self.keeper).await {
+            self.facts
+                .insert(ClockDrift::FACT.to_owned(), json!(self.clock.drift_until(&after)));
+        }
         Ok(ended.with_last_words(&ending.last_words))
     }
 

@@ -1,9 +1,16 @@
 //! The inside of a machine as a host: what SSH reaches, as long as there is a machine. The main type is [`Inside`].
 
-use std::{io::Write as _, sync::Arc, time::Duration};
+use std::{
+    fs::File,
+    io::{self, Write as _},
+    os::fd::AsRawFd as _,
+    path::PathBuf,
+    sync::Arc,
+    time::Duration,
+};
 
 use async_trait::async_trait;
-use tempfile::NamedTempFile;
+use rustix::fs::{MemfdFlags, memfd_create};
 use tokio::net::UnixStream;
 
 use super::{RUNNING, machine::Machine};
@@ -24,19 +31,27 @@ fn as_root(program: &Program) -> Program {
     )
 }
 
-/// A key in a file of ours, for as long as that is needed.
-fn kept(key: &[u8]) -> Result<NamedTempFile, ProviderError> {
-    let keep = || -> std::io::Result<NamedTempFile> {
-        // Only its owner may read it.
-        let mut file = NamedTempFile::with_prefix("matrix-key-")?;
-        file.write_all(key)?;
-        Ok(file)
-    };
-    keep().map_err(|source| ProviderError::File {
-        action: "write",
-        path: std::env::temp_dir(),
-        source,
-    })
+/// A private key in a file that is on no disk and goes with this process, however that ends.
+struct Key(File);
+
+impl Key {
+    fn of(key: &[u8]) -> Result<Self, ProviderError> {
+        let keep = || -> io::Result<File> {
+            let mut file = File::from(memfd_create("matrix-key", MemfdFlags::CLOEXEC)?);
+            file.write_all(key)?;
+            Ok(file)
+        };
+        keep().map(Self).map_err(|source| ProviderError::File {
+            action: "write",
+            path: "a machine's key into memory".into(),
+            source,
+        })
+    }
+
+    /// Its name, for this process alone.
+    fn path(&self) -> PathBuf {
+        format!("/proc/self/fd/{}", self.0.as_raw_fd()).into()
+    }
 }
 
 /// A machine, from within.
@@ -45,8 +60,8 @@ pub struct Inside {
     machine: Machine,
     /// Whether who is let in may become root there.
     becomes_root: bool,
-    /// The key that lets us in, for as long as it is needed.
-    _key: NamedTempFile,
+    /// What lets us in, for as long as it is needed.
+    _key: Key,
 }
 
 impl Inside {
@@ -58,8 +73,8 @@ impl Inside {
         let way = machine.way_in().await?;
         let mut refusal = None;
         for identity in &way.identities {
-            let key = kept(&machine.key(identity).await?)?;
-            let ssh = host.machine_behind(name, way.address.clone(), key.path().to_owned());
+            let key = Key::of(&machine.key(identity).await?)?;
+            let ssh = host.machine_behind(name, way.address.clone(), key.path());
             // Boxes let their user do so by convention, and a machine of ours is ours altogether.
             let asking = as_root(&Program::new::<&str>("true", []));
             match output(ssh.as_ref(), &asking, b"", PATIENCE).await {
@@ -138,7 +153,7 @@ impl Host for Inside {
         &self,
         name: &str,
         address: crate::matrix_file::SshAddress,
-        identity: std::path::PathBuf,
+        identity: PathBuf,
     ) -> Arc<dyn Host> {
         self.ssh.machine_behind(name, address, identity)
     }
