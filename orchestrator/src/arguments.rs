@@ -4,9 +4,9 @@ use clap::{Args, Parser, Subcommand};
 
 use crate::command::{
     check::CheckArguments, clean::CleanArguments, completions::CompletionsArguments, doctor::DoctorArguments,
-    ks::KsArguments, messages::MessagesArguments, plan::PlanArguments, report::ReportArguments,
-    resume::ResumeArguments, run::RunArguments, selftest::SelftestArguments, shell::ShellArguments,
-    status::StatusArguments,
+    drift::DriftArguments, ks::KsArguments, messages::MessagesArguments, plan::PlanArguments,
+    report::ReportArguments, resume::ResumeArguments, run::RunArguments, selftest::SelftestArguments,
+    shell::ShellArguments, status::StatusArguments,
 };
 use crate::plan::order::Order;
 
@@ -16,6 +16,9 @@ Exit codes:
   1    a scenario failed: its workload said that the experiment went wrong
   2    the matrix file, the run directory or the call is wrong
   3    the infrastructure failed, or nothing can run here
+  4    `matrix drift` found drift
+  5    `matrix drift`: the newest measurement is invalid
+  6    `matrix drift`: there is too little data to say anything
   130  interrupted; `matrix resume RUN` goes on";
 
 /// Run one networked robot-control experiment on every combination of hardware, operating system and virtualization,
@@ -47,6 +50,8 @@ pub enum Command {
     Messages(MessagesArguments),
     /// Say how often each method finds a difference where there is none, for data like that of a run.
     Selftest(SelftestArguments),
+    /// Say whether what is measured night after night has changed, and what else changed with it.
+    Drift(DriftArguments),
     /// Compare two files of numbers, one a line, with the two-sample Kolmogorov-Smirnov test.
     Ks(KsArguments),
     /// Open a shell in an environment that was kept.
@@ -74,6 +79,7 @@ impl Command {
             Self::Report(arguments) => arguments.output,
             Self::Messages(arguments) => arguments.output,
             Self::Selftest(arguments) => arguments.output,
+            Self::Drift(arguments) => arguments.output,
             Self::Ks(arguments) => arguments.output,
             Self::Clean(arguments) => arguments.output,
             Self::Doctor(arguments) => arguments.output,

@@ -4,6 +4,7 @@ pub mod check;
 pub mod clean;
 pub mod completions;
 pub mod doctor;
+pub mod drift;
 pub mod ks;
 pub mod messages;
 pub mod plan;
@@ -31,6 +32,7 @@ pub async fn execute(command: &Command) -> Result<Exit, Complaint> {
         Command::Report(arguments) => report::execute(arguments),
         Command::Messages(arguments) => messages::execute(arguments),
         Command::Selftest(arguments) => selftest::execute(arguments),
+        Command::Drift(arguments) => drift::execute(arguments),
         Command::Ks(arguments) => ks::execute(arguments),
         Command::Shell(arguments) => shell::execute(arguments).await,
         Command::Clean(arguments) => clean::execute(arguments).await,

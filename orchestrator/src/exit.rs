@@ -13,6 +13,12 @@ pub enum Exit {
     Wrong,
     /// The infrastructure failed: a provider, a disk, a lease; or nothing can run here.
     Infrastructure,
+    /// What is measured night after night has changed.
+    Drift,
+    /// The newest night was measured, and is worth nothing.
+    InvalidMeasurement,
+    /// The newest night was not measured, or those before it are too few.
+    TooLittleData,
     /// Asked to stop; `matrix resume` goes on.
     Interrupted,
 }
@@ -26,6 +32,9 @@ impl Exit {
             Self::ScenarioFailed => 1,
             Self::Wrong => 2,
             Self::Infrastructure => 3,
+            Self::Drift => 4,
+            Self::InvalidMeasurement => 5,
+            Self::TooLittleData => 6,
             // 128 + SIGINT, as a shell would report it.
             Self::Interrupted => 130,
         }

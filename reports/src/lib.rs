@@ -5,6 +5,7 @@
 //! analyse(&Run, settings) -> Report     pure
 //! Report::markdown, html, json      pure
 //! write(&Run, &Report)        the run directory's `report/`, and nothing else of it
+//! drift::history::judge(&[Night], settings) -> Drift    pure: many runs, and whether they change
 //! write_messages(path)        the captures' messages, into `report/messages/`
 //! ```
 
@@ -13,6 +14,7 @@ pub mod block_permutation;
 pub mod comparison;
 pub mod contrast;
 pub mod dependence;
+pub mod drift;
 pub mod effect;
 pub mod energy;
 pub mod family;

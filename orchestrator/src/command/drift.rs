@@ -1,0 +1,203 @@
+//! `matrix drift`: whether what is measured night after night has changed.
+
+use std::{
+    env, fs, io,
+    path::{Path, PathBuf},
+};
+
+use clap::Args;
+use reports::drift::{self, Acknowledgements, Drift, Night, Settings, Verdict};
+use workload::quantity::Length;
+
+use crate::{
+    arguments::OutputArguments,
+    command::report::unreadable,
+    exit::Exit,
+    terminal::{self, Complaint},
+};
+
+/// What it takes.
+#[derive(Debug, Args)]
+pub struct DriftArguments {
+    /// A folder of run directories: the newest is judged against all before it.
+    #[arg(required_unless_present = "candidate", conflicts_with_all = ["candidate", "baseline"])]
+    history: Option<PathBuf>,
+    /// Run directories that are known to be good.
+    #[arg(long, value_name = "RUN", num_args = 1.., requires = "candidate")]
+    baseline: Vec<PathBuf>,
+    /// The run directory that is judged against them.
+    #[arg(long, value_name = "RUN", requires = "baseline")]
+    candidate: Option<PathBuf>,
+    /// The probability, each night, of a false finding among all scenarios and metrics.
+    #[arg(long, value_name = "P", default_value_t = 0.01, value_parser = probability)]
+    alpha: f64,
+    /// A change of the tracking error that is smaller does not matter; else what the newest run's `report.matters` says.
+    #[arg(long, value_name = "LENGTH")]
+    matters: Option<Length>,
+    /// A YAML file of changes that are known; else `drift.yaml` in the folder of run directories, if there is one.
+    #[arg(long, value_name = "FILE")]
+    acknowledged: Option<PathBuf>,
+    /// Write JUnit's XML there.
+    #[arg(long, value_name = "FILE")]
+    junit: Option<PathBuf>,
+    /// Write the JSON body of a webhook there.
+    #[arg(long, value_name = "FILE")]
+    webhook: Option<PathBuf>,
+    /// Print annotations for GitHub's actions, and append a summary to the file of `GITHUB_STEP_SUMMARY`.
+    #[arg(long)]
+    github: bool,
+    #[command(flatten)]
+    pub(crate) output: OutputArguments,
+}
+
+fn probability(text: &str) -> Result<f64, String> {
+    text.parse()
+        .ok()
+        .filter(|alpha| *alpha > 0.0 && *alpha < 1.0)
+        .ok_or_else(|| "give a number between 0 and 1, such as 0.01".to_owned())
+}
+
+/// The name of the file with what is known, in a folder of run directories.
+const KNOWN: &str = "drift.yaml";
+
+/// Judges and prints.
+///
+/// # Errors
+/// When a run directory or the file of what is known cannot be read, or a file not be written.
+pub fn execute(arguments: &DriftArguments) -> Result<Exit, Complaint> {
+    let settings = |newest: Option<&Night>, acknowledgements| Settings {
+        alpha: arguments.alpha,
+        matters_m: match arguments.matters {
+            Some(matters) => Some(matters.metres()),
+            None => newest.and_then(|night| night.matters_m),
+        },
+        acknowledgements,
+        ..Settings::default()
+    };
+    let found = match (&arguments.history, &arguments.candidate) {
+        (Some(history), _) => {
+            let nights = in_order(nights(&runs_in(history)?)?);
+            let beside = Some(history.join(KNOWN)).filter(|path| path.exists());
+            let known = known(arguments.acknowledged.as_ref().or(beside.as_ref()))?;
+            drift::history::judge(&nights, &settings(nights.last(), known))
+        }
+        (None, candidate) => {
+            let mut nights = in_order(nights(&arguments.baseline)?);
+            nights.extend(self::nights(candidate.as_slice())?);
+            let known = known(arguments.acknowledged.as_ref())?;
+            drift::baseline::judge(&nights, &settings(nights.last(), known))
+        }
+    };
+    tell(arguments, &found)?;
+    Ok(match found.verdict() {
+        Verdict::NoDrift { .. } => Exit::Done,
+        Verdict::Drift => Exit::Drift,
+        Verdict::Invalid { .. } => Exit::InvalidMeasurement,
+        Verdict::TooLittle { .. } => Exit::TooLittleData,
+    })
+}
+
+/// The run directories of a folder.
+fn runs_in(folder: &Path) -> Result<Vec<PathBuf>, Complaint> {
+    let list = || -> io::Result<Vec<PathBuf>> {
+        let mut runs = Vec::new();
+        for entry in fs::read_dir(folder)? {
+            let path = entry?.path();
+            // Other things may lie there, and `latest`, the link to one of them.
+            if !path.is_symlink() && path.join("manifest.json").exists() {
+                runs.push(path);
+            }
+        }
+        runs.sort();
+        Ok(runs)
+    };
+    let runs = list().map_err(|error| {
+        wrong(
+            folder,
+            &error,
+            "give the folder with the run directories, such as `runs`",
+        )
+    })?;
+    match runs.is_empty() {
+        true => Err(Complaint {
+            what: format!("{} has no run directory in it", folder.display()).into(),
+            hint: Some("give the folder with the run directories, such as `runs`".to_owned()),
+            exit: Exit::Wrong,
+        }),
+        false => Ok(runs),
+    }
+}
+
+/// Each run is read, brought down to a few numbers, and let go: a year of them need not fit into memory.
+fn nights(runs: &[PathBuf]) -> Result<Vec<Night>, Complaint> {
+    runs.iter()
+        .map(|path| {
+            let run = reports::load(path).map_err(|error| unreadable(&error))?;
+            Night::of(&run).map_err(|error| unreadable(&error))
+        })
+        .collect()
+}
+
+fn in_order(mut nights: Vec<Night>) -> Vec<Night> {
+    nights.sort_by(|a, b| a.created.cmp(&b.created));
+    nights
+}
+
+/// What a file says is known; nothing without one.
+fn known(path: Option<&PathBuf>) -> Result<Acknowledgements, Complaint> {
+    let Some(path) = path else {
+        return Ok(Acknowledgements::default());
+    };
+    const HINT: &str = "docs/drift.md says what stands in it";
+    let text = fs::read_to_string(path).map_err(|error| wrong(path, &error, HINT))?;
+    let known: Acknowledgements = serde_yaml::from_str(&text).map_err(|error| wrong(path, &error, HINT))?;
+    match known.problems().first() {
+        Some(problem) => Err(Complaint {
+            what: format!("{}: {problem}", path.display()).into(),
+            hint: Some(HINT.to_owned()),
+            exit: Exit::Wrong,
+        }),
+        None => Ok(known),
+    }
+}
+
+fn wrong(path: &Path, error: &dyn std::error::Error, hint: &str) -> Complaint {
+    Complaint {
+        what: format!("{}: {error}", path.display()).into(),
+        hint: Some(hint.to_owned()),
+        exit: Exit::Wrong,
+    }
+}
+
+fn tell(arguments: &DriftArguments, found: &Drift) -> Result<(), Complaint> {
+    let write = |path: &Option<PathBuf>, text: String| match path {
+        Some(path) => fs::write(path, text).map_err(|error| unwritable(path, &error)),
+        None => Ok(()),
+    };
+    write(&arguments.junit, found.junit())?;
+    write(&arguments.webhook, format!("{:#}\n", found.webhook()))?;
+    if arguments.github {
+        terminal::result(&found.github_annotations());
+        if let Some(path) = env::var_os("GITHUB_STEP_SUMMARY").map(PathBuf::from) {
+            append(&path, &found.github_summary()).map_err(|error| unwritable(&path, &error))?;
+        }
+    } else if arguments.output.json {
+        terminal::json(&found.json());
+    } else {
+        terminal::result(&found.text());
+    }
+    Ok(())
+}
+
+fn append(path: &Path, text: &str) -> io::Result<()> {
+    let mut file = fs::OpenOptions::new().append(true).create(true).open(path)?;
+    io::Write::write_all(&mut file, text.as_bytes())
+}
+
+fn unwritable(path: &Path, error: &io::Error) -> Complaint {
+    Complaint {
+        what: format!("{} cannot be written: {error}", path.display()).into(),
+        hint: Some("see that its folder is there and has room".to_owned()),
+        exit: Exit::Infrastructure,
+    }
+}

@@ -1,0 +1,200 @@
+//! Whether what was measured night after night has changed, and what else changed with it.
+//!
+//! ```text
+//! Run -> Night::of                         one run, brought down to a few numbers a window
+//! nights -> series_of -> Series            one scenario and metric along the nights
+//! Series -> history::judge -> Judgement    against all earlier nights: jumps and slopes
+//!        -> baseline::judge -> Judgement   against nights that were chosen
+//! Drift                                    all judgements, with one verdict
+//! ```
+//!
+//! The unit is the night. Windows of one night share what the night had, and two nights always differ by a little: what
+//! counts as drift is more than nights differ anyway. The main type is [`Drift`].
+
+mod acknowledgement;
+pub mod baseline;
+mod change_point;
+pub mod history;
+pub mod night;
+mod render;
+mod series;
+mod trend;
+
+#[cfg(test)]
+mod tests;
+
+pub use acknowledgement::{Acknowledgement, Acknowledgements, Baseline};
+pub use change_point::{ChangePoint, Search, Statistic, change_points};
+pub use night::{Lack, Metric, Night};
+pub use series::{Cause, Series, series_of};
+pub use trend::Trend;
+
+/// What is found where everything is judged.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Drift {
+    /// The runs that are judged against each other, the earliest first.
+    pub nights: Vec<String>,
+    /// One for each scenario and metric.
+    pub judgements: Vec<Judgement>,
+    /// What a reader must know beside.
+    pub remarks: Vec<String>,
+}
+
+/// What is said of one scenario and metric.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Judgement {
+    /// The scenario's slug.
+    pub scenario: String,
+    /// What was measured.
+    pub metric: Metric,
+    /// What is to be held of it.
+    pub verdict: Verdict,
+    /// Nights with a number.
+    pub nights: usize,
+    /// What changed, whether or not it was acknowledged.
+    pub findings: Vec<Finding>,
+}
+
+/// The four things that can be said, from the best to the worst that can be known. They are never mixed.
+#[derive(Debug, Clone, PartialEq)]
+pub enum Verdict {
+    /// Nothing was found that is not acknowledged, where this would have been found.
+    NoDrift {
+        /// A change that would have been found with a probability of 80 %, in the metric's unit.
+        detectable: f64,
+    },
+    /// Something changed.
+    Drift,
+    /// It was measured, and the measurement's own checks found that it is worth nothing.
+    Invalid {
+        /// Why.
+        reason: String,
+    },
+    /// There is no number, or there are too few to say anything.
+    TooLittle {
+        /// What is missing.
+        reason: String,
+    },
+}
+
+impl Verdict {
+    /// Its name in reports.
+    #[must_use]
+    pub const fn name(&self) -> &'static str {
+        match self {
+            Self::NoDrift { .. } => "no drift found",
+            Self::Drift => "drift",
+            Self::Invalid { .. } => "invalid measurement",
+            Self::TooLittle { .. } => "too little data",
+        }
+    }
+
+    /// Drift is worse than an invalid measurement, that worse than too little data, and that worse than no drift.
+    const fn rank(&self) -> u8 {
+        match self {
+            Self::NoDrift { .. } => 0,
+            Self::TooLittle { .. } => 1,
+            Self::Invalid { .. } => 2,
+            Self::Drift => 3,
+        }
+    }
+}
+
+/// A change.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Finding {
+    /// How it showed.
+    pub kind: Kind,
+    /// The last night before it.
+    pub before: String,
+    /// The first night with it.
+    pub since: String,
+    /// The level before, in the metric's unit.
+    pub level_before: f64,
+    /// The level since.
+    pub level_since: f64,
+    /// The p, for as many scenarios and metrics as were looked at.
+    pub p: f64,
+    /// What else changed.
+    pub cause: Cause,
+    /// Who knows of it.
+    pub acknowledged: Option<Acknowledgement>,
+    /// Whether it is smaller than what was declared to matter.
+    pub immaterial: bool,
+}
+
+impl Finding {
+    /// Whether it is to be told anew: nobody has acknowledged it, and it matters.
+    #[must_use]
+    pub const fn is_news(&self) -> bool {
+        self.acknowledged.is_none() && !self.immaterial
+    }
+}
+
+/// How a change showed.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Kind {
+    /// From one night to the next.
+    Jump,
+    /// Little by little.
+    Slope,
+    /// Against nights that were chosen as the baseline.
+    FromBaseline,
+}
+
+impl Kind {
+    /// Its name in reports.
+    #[must_use]
+    pub const fn name(self) -> &'static str {
+        match self {
+            Self::Jump => "jump",
+            Self::Slope => "slope",
+            Self::FromBaseline => "against the baseline",
+        }
+    }
+}
+
+/// How drift is judged.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Settings {
+    /// The probability, each night, of a false finding among all scenarios and metrics.
+    pub alpha: f64,
+    /// A change of the tracking error that is smaller does not matter, in metres.
+    pub matters_m: Option<f64>,
+    /// What is known.
+    pub acknowledgements: Acknowledgements,
+    /// Seed of the dealings.
+    pub seed: u64,
+}
+
+impl Default for Settings {
+    fn default() -> Self {
+        Self {
+            alpha: 0.01,
+            matters_m: None,
+            acknowledgements: Acknowledgements::default(),
+            seed: 0,
+        }
+    }
+}
+
+impl Settings {
+    fn is_immaterial(&self, metric: Metric, change: f64) -> bool {
+        metric == Metric::TrackingError && self.matters_m.is_some_and(|matters_m| change.abs() < matters_m)
+    }
+}
+
+impl Drift {
+    /// The one verdict: drift if any, and no drift only if nothing else is to be said of any. With nothing judged at all there
+    /// is too little.
+    #[must_use]
+    pub fn verdict(&self) -> Verdict {
+        let worst = self.judgements.iter().max_by_key(|it| it.verdict.rank());
+        worst.map_or_else(
+            || Verdict::TooLittle {
+                reason: "no scenario was planned in any of the runs".to_owned(),
+            },
+            |judgement| judgement.verdict.clone(),
+        )
+    }
+}

@@ -1,0 +1,292 @@
+//! The newest night against all before it, and each of those against the others. The main function is [`judge`].
+//!
+//! Each scenario and metric is looked at in [`LOOKS`] ways, each at the level α divided by that and by how many there are, so
+//! that in one night the probability of any false finding is at most α:
+//!
+//! - the newest night, the newest two, three and four, against what those since the last change make one expect
+//!   ([`Expectation`]): this tells of a jump in the night in which it comes, and goes on to tell of it. Each of them must be
+//!   beyond all that came before, so that one night far off is told once;
+//! - change points by distances and by ranks ([`super::change_points`]), which tell of small jumps after some nights, and of
+//!   where they were;
+//! - a slope since the last change ([`Trend`]), which tells of what never jumps.
+
+use super::{
+    Cause, Drift, Finding, Judgement, Kind, Night, Search, Settings, Statistic, Trend, Verdict,
+    baseline::{Expectation, FEWEST_NIGHTS, lacking, middle},
+    change_points,
+    series::{Point, Series, level_of, remarks, series_of},
+};
+
+/// The fewest nights between two changes.
+pub const SHORTEST: usize = 5;
+
+/// The ways in which each series is looked at: the newest 1 to 4 nights, change points of two kinds, a slope.
+pub const LOOKS: usize = SHORTEST - 1 + 3;
+
+/// Judges a history, its nights in order.
+#[must_use]
+pub fn judge(nights: &[Night], settings: &Settings) -> Drift {
+    let series = series_of(nights);
+    let looks = (LOOKS * series.len().max(1)) as f64;
+    let mut remarks = remarks(nights);
+    remarks.extend(settings.acknowledgements.of_no_night(nights));
+    Drift {
+        nights: nights.iter().map(|night| night.run.clone()).collect(),
+        judgements: series
+            .into_iter()
+            .map(|series| judgement(series, looks, nights, settings))
+            .collect(),
+        remarks,
+    }
+}
+
+fn judgement(series: Series<'_>, looks: f64, nights: &[Night], settings: &Settings) -> Judgement {
+    let level = settings.alpha / looks;
+    let known = &settings.acknowledgements;
+    let begins = known.begins(nights, &series.scenario, series.metric);
+    let series = series.from(begins);
+    let mut findings: Vec<Finding> = changes(&series, level, settings.seed)
+        .into_iter()
+        .map(|change| finding(&series, &change, looks, nights, settings))
+        .collect();
+    findings.sort_by(|a, b| a.since.cmp(&b.since));
+    let verdict = match lacking(&series) {
+        Some(lacking) => lacking,
+        None if findings.iter().any(Finding::is_news) => Verdict::Drift,
+        None => quiet(&series, level),
+    };
+    Judgement {
+        scenario: series.scenario,
+        metric: series.metric,
+        verdict,
+        nights: series.points.len(),
+        findings,
+    }
+}
+
+/// What is to be said where nothing was found.
+fn quiet(series: &Series<'_>, level: f64) -> Verdict {
+    let levels = series.levels();
+    let before = levels.split_last().map_or(&[][..], |(_, before)| before);
+    match Expectation::of(before) {
+        Some(expectation) => Verdict::NoDrift {
+            detectable: expectation.detectable(level),
+        },
+        None if before.len() >= FEWEST_NIGHTS => Verdict::TooLittle {
+            reason: "all nights have the very same number".to_owned(),
+        },
+        None => Verdict::TooLittle {
+            reason: format!(
+                "{} nights before the newest have a number, and how much nights differ takes {FEWEST_NIGHTS}",
+                before.len()
+            ),
+        },
+    }
+}
+
+/// A change of a series, by places in it.
+struct Change {
+    kind: Kind,
+    /// The first night of what is before it.
+    begins: usize,
+    /// The first night with it.
+    since: usize,
+    /// The night after the last with it.
+    ends: usize,
+    /// For one look at one series.
+    p: f64,
+}
+
+fn changes(series: &Series<'_>, level: f64, seed: u64) -> Vec<Change> {
+    let levels = series.levels();
+    let slope = |from: usize| {
+        let trend = levels.get(from..).and_then(Trend::of);
+        trend.filter(|trend| trend.p < level)
+    };
+    let jumps = jumps(&levels, level, seed);
+    // What rises night after night is split into jumps as well: it is a slope if a line fits it better than the jumps do.
+    if let Some(trend) = slope(0)
+        && badness_of_line(&levels, trend.slope) < badness_of_steps(&levels, &jumps)
+    {
+        return vec![slope_over(0, levels.len(), trend.p)];
+    }
+    let jumps = without_misplaced(jumps, &levels, level);
+    let places: Vec<usize> = jumps.iter().map(|(at, _)| *at).collect();
+    let mut changes: Vec<Change> = jumps
+        .iter()
+        .enumerate()
+        .map(|(nth, (since, p))| Change {
+            kind: Kind::Jump,
+            begins: nth
+                .checked_sub(1)
+                .and_then(|before| places.get(before))
+                .copied()
+                .unwrap_or(0),
+            since: *since,
+            ends: places.get(nth + 1).copied().unwrap_or(levels.len()),
+            p: *p,
+        })
+        .collect();
+    let last = places.last().copied().unwrap_or(0);
+    if last > 0
+        && let Some(trend) = slope(last)
+    {
+        changes.push(slope_over(last, levels.len(), trend.p));
+    }
+    if let Some((count, p)) = newest_apart(levels.get(last..).unwrap_or_default(), level) {
+        changes.push(Change {
+            kind: Kind::Jump,
+            begins: last,
+            since: levels.len() - count,
+            ends: levels.len(),
+            p,
+        });
+    }
+    changes
+}
+
+/// A change point has 5 nights behind it. One with the very last 5 may be a jump that came later: that is told by the nights
+/// themselves.
+fn without_misplaced(mut jumps: Vec<(usize, f64)>, levels: &[f64], level: f64) -> Vec<(usize, f64)> {
+    if let Some(((last, _), earlier)) = jumps.split_last() {
+        let begins = earlier.last().map_or(0, |(at, _)| *at);
+        let since = levels.get(begins..).unwrap_or_default();
+        if last + SHORTEST == levels.len() && newest_apart(since, level).is_some() {
+            jumps.pop();
+        }
+    }
+    jumps
+}
+
+/// How many of the newest nights are apart from those before, with their p: the most telling number of them.
+fn newest_apart(levels: &[f64], level: f64) -> Option<(usize, f64)> {
+    let each = (1..SHORTEST).filter_map(|count| Some((count, p_of_newest(levels, count)?)));
+    each.min_by(|a, b| a.1.total_cmp(&b.1))
+        .filter(|(_, p)| *p < level)
+}
+
+/// The p of the newest so many nights; none where one of them is not beyond all before, or those are too few.
+fn p_of_newest(levels: &[f64], count: usize) -> Option<f64> {
+    let (before, newest) = levels.split_at_checked(levels.len().checked_sub(count)?)?;
+    let expectation = Expectation::of(before)?;
+    let above = before.iter().all(|old| newest.iter().all(|new| new > old));
+    let below = before.iter().all(|old| newest.iter().all(|new| new < old));
+    (above || below).then(|| expectation.p(newest))
+}
+
+/// From the first half to the second, as far as a slope can be told of as before and since.
+const fn slope_over(begins: usize, ends: usize, p: f64) -> Change {
+    Change {
+        kind: Kind::Slope,
+        begins,
+        since: begins + 1,
+        ends,
+        p,
+    }
+}
+
+/// Change points by distances, and those by ranks that are not near one of them; each with its p.
+fn jumps(levels: &[f64], level: f64, seed: u64) -> Vec<(usize, f64)> {
+    let search = |statistic| {
+        let search = Search {
+            statistic,
+            level,
+            shortest: SHORTEST,
+            seed,
+        };
+        change_points(levels, &search)
+    };
+    let mut found = search(Statistic::Energy);
+    for other in search(Statistic::Ranks) {
+        if found
+            .iter()
+            .all(|change| change.at.abs_diff(other.at) >= SHORTEST)
+        {
+            found.push(other);
+        }
+    }
+    found.sort_by_key(|change| change.at);
+    found.into_iter().map(|change| (change.at, change.p)).collect()
+}
+
+/// How badly the best line of that slope fits.
+fn badness_of_line(levels: &[f64], slope: f64) -> f64 {
+    let flat: Vec<f64> = levels
+        .iter()
+        .enumerate()
+        .map(|(night, level)| level - slope * night as f64)
+        .collect();
+    let middle = middle(&flat);
+    badness(
+        flat.iter().map(|level| (level - middle).abs()).sum(),
+        levels.len(),
+        2,
+    )
+}
+
+/// How badly levels with jumps between them fit.
+fn badness_of_steps(levels: &[f64], jumps: &[(usize, f64)]) -> f64 {
+    let ends = jumps.iter().map(|(at, _)| *at).chain([levels.len()]);
+    let mut begins = 0;
+    let mut sum = 0.0;
+    for end in ends {
+        let stretch = levels.get(begins..end).unwrap_or_default();
+        let middle = middle(stretch);
+        sum += stretch.iter().map(|level| (level - middle).abs()).sum::<f64>();
+        begins = end;
+    }
+    // The places of the jumps, and the levels.
+    badness(sum, levels.len(), 2 * jumps.len() + 1)
+}
+
+/// Schwarz's criterion (*Estimating the dimension of a model*, Annals of Statistics 6, 1978), for distances from what fits
+/// as Laplace has them: more parameters always fit better.
+fn badness(distances: f64, nights: usize, parameters: usize) -> f64 {
+    let count = nights as f64;
+    2.0 * count * (distances / count).ln() + parameters as f64 * count.ln()
+}
+
+fn finding(
+    series: &Series<'_>,
+    change: &Change,
+    looks: f64,
+    nights: &[Night],
+    settings: &Settings,
+) -> Finding {
+    let points = &series.points;
+    let stretch = |from: usize, to: usize| points.get(from..to).unwrap_or_default();
+    // A slope goes from its first nights to its last ones.
+    let (before, since) = match change.kind {
+        Kind::Slope => {
+            let few = SHORTEST.min((change.ends - change.begins) / 2);
+            (
+                stretch(change.begins, change.begins + few),
+                stretch(change.ends - few, change.ends),
+            )
+        }
+        Kind::Jump | Kind::FromBaseline => (
+            stretch(change.begins, change.since),
+            stretch(change.since, change.ends),
+        ),
+    };
+    let run = |point: Option<&Point<'_>>| point.map_or_else(String::new, |point| point.run.to_owned());
+    let (level_before, level_since) = (level_of(before), level_of(since));
+    let since_run = run(since.first());
+    Finding {
+        kind: change.kind,
+        before: run(before.last()),
+        level_before,
+        level_since,
+        p: (change.p * looks).min(1.0),
+        cause: match (before.last(), since.first()) {
+            (Some(before), Some(since)) => Cause::between(before.measured, since.measured),
+            _ => Cause::Unexplained,
+        },
+        acknowledged: settings
+            .acknowledgements
+            .of(nights, &series.scenario, series.metric, &since_run)
+            .cloned(),
+        immaterial: settings.is_immaterial(series.metric, level_since - level_before),
+        since: since_run,
+    }
+}

@@ -1,0 +1,263 @@
+//! One run, brought down to what is followed from night to night: a few numbers a window. The main type is [`Night`].
+
+use std::collections::BTreeMap;
+
+use serde_json::{Value, json};
+
+use crate::{
+    effect::level,
+    report::VIRTUALIZATION,
+    run::{Ending, Run, ScenarioRun, WindowState},
+    run_directory::{EnvironmentRecord, Event, Journal, ReadError},
+    sample::samples,
+};
+
+/// What is followed.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash)]
+pub enum Metric {
+    /// The mean error of a window's periods, in metres.
+    TrackingError,
+    /// How old the state was when the controller used it, the mean of a window, in seconds: what network and ROS take.
+    StateAge,
+    /// How late the controller's steps began, 99 % of a window's, in seconds.
+    Lateness,
+    /// How long it took to make an environment, in seconds.
+    Provisioning,
+}
+
+impl Metric {
+    /// All of them.
+    pub const ALL: [Self; 4] = [
+        Self::TrackingError,
+        Self::StateAge,
+        Self::Lateness,
+        Self::Provisioning,
+    ];
+
+    /// Its name in reports and in files of acknowledgements.
+    #[must_use]
+    pub const fn name(self) -> &'static str {
+        match self {
+            Self::TrackingError => "error",
+            Self::StateAge => "state-age",
+            Self::Lateness => "lateness",
+            Self::Provisioning => "provisioning",
+        }
+    }
+
+    /// A value as text, with its unit.
+    #[must_use]
+    pub fn text(self, value: f64) -> String {
+        match self {
+            Self::TrackingError => format!("{:.3} mm", value * 1e3),
+            Self::StateAge | Self::Lateness => format!("{:.3} ms", value * 1e3),
+            Self::Provisioning => format!("{value:.3} s"),
+        }
+    }
+
+    /// The SI unit of its values.
+    #[must_use]
+    pub const fn unit(self) -> &'static str {
+        match self {
+            Self::TrackingError => "m",
+            Self::StateAge | Self::Lateness | Self::Provisioning => "s",
+        }
+    }
+}
+
+/// Why a night has no number for a scenario.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub enum Lack {
+    /// Windows were measured, and none counts.
+    Invalid(String),
+    /// Nothing was measured.
+    Absent(String),
+    /// Nothing was to be measured: it cannot run there, or was not selected.
+    NotAsked(String),
+}
+
+/// One run.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Night {
+    /// The run's name.
+    pub run: String,
+    /// When it was asked for, RFC 3339.
+    pub created: String,
+    /// Whether some of its numbers were made up by the `fake` provider.
+    pub is_simulated: bool,
+    /// What was declared to matter, in metres.
+    pub matters_m: Option<f64>,
+    /// By slug.
+    pub scenarios: BTreeMap<String, Measured>,
+}
+
+/// What a night has of one scenario.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Measured {
+    /// All that was asked for: the experiment's settings, the workload's bytes, the provider's settings.
+    pub configuration: Value,
+    /// What it ran on, if it came so far.
+    pub environment: Option<EnvironmentRecord>,
+    /// The numbers, one for each window or environment.
+    pub values: BTreeMap<Metric, Vec<f64>>,
+    /// Why there are none.
+    pub lack: Option<Lack>,
+}
+
+impl Measured {
+    /// The night's level: the median of its numbers.
+    #[must_use]
+    pub fn level(&self, metric: Metric) -> Option<f64> {
+        median(self.values.get(&metric)?.clone())
+    }
+}
+
+/// The middle one, or the mean of the two in the middle; none of none.
+pub(super) fn median(mut values: Vec<f64>) -> Option<f64> {
+    values.sort_by(f64::total_cmp);
+    let upper = *values.get(values.len() / 2)?;
+    let lower = *values.get((values.len() - 1) / 2)?;
+    Some(f64::midpoint(lower, upper))
+}
+
+impl Night {
+    /// That of a run, in the metric that its own settings ask for.
+    ///
+    /// # Errors
+    /// When its journal cannot be read.
+    pub fn of(run: &Run) -> Result<Self, ReadError> {
+        let settings = &run.manifest.report;
+        let samples = samples(run, settings);
+        let provisioning = provisioning(&Journal::read(&run.directory.journal())?);
+        let mut scenarios = BTreeMap::new();
+        for scenario in &run.scenarios {
+            let planned = &scenario.planned;
+            let mut values = BTreeMap::<Metric, Vec<f64>>::new();
+            let errors = samples.iter().filter(|sample| sample.scenario == planned.id);
+            let errors: Vec<f64> = errors.filter_map(|sample| level(&sample.errors_m)).collect();
+            let counts = !errors.is_empty();
+            values.insert(Metric::TrackingError, errors);
+            for (_, record, trace) in scenario.counted() {
+                let age = trace.mean_state_age_s;
+                values.entry(Metric::StateAge).or_default().extend(age);
+                let late_s = record.controller.lateness_p99_ns as f64 / 1e9;
+                values.entry(Metric::Lateness).or_default().push(late_s);
+            }
+            let made = provisioning.get(&planned.slug).cloned().unwrap_or_default();
+            values.insert(Metric::Provisioning, made);
+            scenarios.insert(
+                planned.slug.clone(),
+                Measured {
+                    configuration: configuration(run, scenario),
+                    environment: scenario.environment.clone(),
+                    lack: (!counts).then(|| lack(scenario)),
+                    values,
+                },
+            );
+        }
+        Ok(Self {
+            run: run.manifest.run.clone(),
+            created: run.manifest.created.clone(),
+            is_simulated: run.scenarios.iter().any(ScenarioRun::is_simulated),
+            matters_m: settings.matters.map(|matters| matters.metres()),
+            scenarios,
+        })
+    }
+}
+
+fn configuration(run: &Run, scenario: &ScenarioRun) -> Value {
+    let provider = scenario.planned.axis(VIRTUALIZATION).unwrap_or_default();
+    json!({
+        "settings": scenario.planned.settings,
+        "workload_sha256": run.manifest.workload_sha256,
+        "provider": run.manifest.providers.get(&provider),
+        "metric": run.manifest.report.metric,
+        "discard_periods": run.manifest.report.discard_periods,
+    })
+}
+
+/// Why none of its windows counts.
+fn lack(scenario: &ScenarioRun) -> Lack {
+    let reasons: Vec<String> = scenario
+        .windows
+        .iter()
+        .filter_map(|window| match &window.state {
+            WindowState::Invalid { record } => Some((window.number, record.reasons.join("; "))),
+            _ => None,
+        })
+        .map(|(number, reasons)| format!("window {number}: {reasons}"))
+        .collect();
+    if !reasons.is_empty() {
+        return Lack::Invalid(reasons.join("; "));
+    }
+    Lack::Absent(match &scenario.ending {
+        Ending::Infeasible { reason, .. } => return Lack::NotAsked(format!("infeasible: {reason}")),
+        Ending::NotSelected { reason } => return Lack::NotAsked(format!("not selected: {reason}")),
+        Ending::NotStarted => "it was not begun".to_owned(),
+        Ending::Unfinished => "it did not come to its end".to_owned(),
+        Ending::Ended {
+            outcome,
+            reason: Some(reason),
+            ..
+        } => format!("{}: {reason}", outcome.name()),
+        Ending::Ended { outcome, .. } => format!("{}, and no window counts", outcome.name()),
+    })
+}
+
+/// How long each environment took to be made, in seconds, by scenario.
+fn provisioning(journal: &Journal) -> BTreeMap<String, Vec<f64>> {
+    let mut begun = BTreeMap::new();
+    let mut took = BTreeMap::<String, Vec<f64>>::new();
+    for entry in &journal.entries {
+        match &entry.event {
+            Event::EnvironmentCreating { environment, .. } => {
+                begun.insert(environment, &entry.at);
+            }
+            Event::EnvironmentCreated {
+                scenario,
+                environment,
+                ..
+            } => {
+                let seconds = begun
+                    .get(environment)
+                    .and_then(|at| seconds_between(at, &entry.at));
+                took.entry(scenario.clone()).or_default().extend(seconds);
+            }
+            _ => {}
+        }
+    }
+    took
+}
+
+/// As the journal has it, RFC 3339.
+fn seconds_between(from: &str, to: &str) -> Option<f64> {
+    let time = |at: &str| humantime::parse_rfc3339(at).ok();
+    // A clock that was put back between says nothing.
+    let took = time(to)?.duration_since(time(from)?).ok()?;
+    Some(took.as_secs_f64())
+}
+
+#[cfg(test)]
+mod tests {
+    use rstest::rstest;
+
+    use super::*;
+
+    #[rstest]
+    #[case("2026-11-22T02:18:49.250Z", "2026-11-22T02:19:00.000Z", Some(10.75))]
+    #[case("2026-11-22T02:18:49.250Z", "2026-11-22T02:18:48.000Z", None)]
+    #[case("yesterday", "2026-11-22T02:18:48.000Z", None)]
+    fn a_time_between_is_that_of_the_journals_stamps(
+        #[case] from: &str,
+        #[case] to: &str,
+        #[case] seconds: Option<f64>,
+    ) {
+        assert_eq!(seconds_between(from, to), seconds);
+    }
+
+    #[test]
+    fn the_median_of_four_is_between_the_two_in_the_middle() {
+        assert_eq!(median(vec![4.0, 1.0, 9.0, 2.0]), Some(3.0));
+        assert_eq!(median(vec![]), None);
+    }
+}

@@ -1,0 +1,181 @@
+//! One scenario and metric along the nights. The main type is [`Series`].
+
+use std::collections::BTreeSet;
+
+use serde_json::Value;
+
+use super::{
+    Lack, Metric, Night,
+    night::{Measured, median},
+};
+use crate::run_directory::Difference;
+
+/// What one scenario and metric came to, night after night.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Series<'a> {
+    /// The scenario's slug.
+    pub scenario: String,
+    /// What was measured.
+    pub metric: Metric,
+    /// The nights that have a number, the earliest first.
+    pub(super) points: Vec<Point<'a>>,
+    /// What the newest night lacks to have one.
+    pub(super) lack: Option<Lack>,
+}
+
+/// A night with a number.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(super) struct Point<'a> {
+    pub run: &'a str,
+    pub level: f64,
+    pub measured: &'a Measured,
+}
+
+/// What else changed where a metric did.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub enum Cause {
+    /// What was asked for is not the same: the fields that differ. The infrastructure need not have done anything.
+    Configuration(Vec<String>),
+    /// What it ran on is not the same.
+    Infrastructure(Vec<Difference>),
+    /// Nothing that is recorded.
+    Unexplained,
+}
+
+/// One series for each scenario that the newest night was asked for, or that earlier ones measured and it still knows, and
+/// each metric.
+#[must_use]
+pub fn series_of(nights: &[Night]) -> Vec<Series<'_>> {
+    let Some(newest) = nights.last() else {
+        return Vec::new();
+    };
+    let mut all = Vec::new();
+    for scenario in newest.scenarios.keys() {
+        for metric in Metric::ALL {
+            let series = Series::of(nights, scenario, metric);
+            let never_asked = matches!(series.lack, Some(Lack::NotAsked(_))) && series.points.is_empty();
+            // A metric that no night has, or that is the same in all, is none of this platform's; but for the one that it is
+            // about.
+            let mut neighbours = series.points.windows(2);
+            let is_constant = neighbours.all(|pair| pair[0].level == pair[1].level);
+            let not_its = is_constant && metric != Metric::TrackingError;
+            if !never_asked && !not_its {
+                all.push(series);
+            }
+        }
+    }
+    all
+}
+
+/// What a reader must know of some nights, whatever they are judged to be.
+pub(super) fn remarks(nights: &[Night]) -> Vec<String> {
+    let simulated = nights.iter().filter(|night| night.is_simulated).count();
+    let made_up = (simulated > 0).then(|| {
+        format!(
+            "SIMULATED, NOT MEASURED: numbers of {simulated} of {} runs were made up by the fake provider",
+            nights.len()
+        )
+    });
+    let gone = gone(nights).into_iter();
+    made_up
+        .into_iter()
+        .chain(gone.map(|scenario| format!("{scenario} is not in the newest run")))
+        .collect()
+}
+
+/// Scenarios that earlier nights have and the newest does not know.
+fn gone(nights: &[Night]) -> Vec<&str> {
+    let Some((newest, earlier)) = nights.split_last() else {
+        return Vec::new();
+    };
+    let known: BTreeSet<&str> = earlier
+        .iter()
+        .flat_map(|night| night.scenarios.keys().map(String::as_str))
+        .collect();
+    known
+        .into_iter()
+        .filter(|scenario| !newest.scenarios.contains_key(*scenario))
+        .collect()
+}
+
+impl<'a> Series<'a> {
+    fn of(nights: &'a [Night], scenario: &str, metric: Metric) -> Self {
+        let measured = |night: &'a Night| night.scenarios.get(scenario);
+        let points = nights.iter().filter_map(|night| {
+            let measured = measured(night)?;
+            Some(Point {
+                run: &night.run,
+                level: measured.level(metric)?,
+                measured,
+            })
+        });
+        let newest = nights.last().and_then(measured);
+        let has_number = newest.is_some_and(|newest| newest.level(metric).is_some());
+        Self {
+            scenario: scenario.to_owned(),
+            metric,
+            points: points.collect(),
+            lack: match (has_number, newest.and_then(|newest| newest.lack.clone())) {
+                (true, _) => None,
+                (false, Some(lack)) => Some(lack),
+                (false, None) => Some(Lack::Absent("the run has no such number".to_owned())),
+            },
+        }
+    }
+
+    /// Without the nights before that run.
+    pub(super) fn from(mut self, run: Option<&str>) -> Self {
+        let first = run.and_then(|run| self.points.iter().position(|point| point.run == run));
+        self.points.drain(..first.unwrap_or(0));
+        self
+    }
+
+    pub(super) fn levels(&self) -> Vec<f64> {
+        self.points.iter().map(|point| point.level).collect()
+    }
+}
+
+/// The middle of the levels of some nights; 0 of none.
+pub(super) fn level_of(points: &[Point<'_>]) -> f64 {
+    median(points.iter().map(|point| point.level).collect()).unwrap_or_default()
+}
+
+impl Cause {
+    /// What is not the same of a night and a later one.
+    pub(super) fn between(before: &Measured, since: &Measured) -> Self {
+        let mut fields = Vec::new();
+        differing("", &before.configuration, &since.configuration, &mut fields);
+        if !fields.is_empty() {
+            return Self::Configuration(fields);
+        }
+        let differences = before
+            .environment
+            .as_ref()
+            .zip(since.environment.as_ref())
+            .map(|(before, since)| before.differences(since))
+            .unwrap_or_default();
+        match differences.is_empty() {
+            true => Self::Unexplained,
+            false => Self::Infrastructure(differences),
+        }
+    }
+}
+
+/// The dotted paths of all fields that are not the same.
+fn differing(path: &str, before: &Value, since: &Value, fields: &mut Vec<String>) {
+    match (before, since) {
+        (Value::Object(a), Value::Object(b)) => {
+            let names: BTreeSet<&String> = a.keys().chain(b.keys()).collect();
+            for name in names {
+                let path = match path {
+                    "" => name.clone(),
+                    path => format!("{path}.{name}"),
+                };
+                let of = |map: &serde_json::Map<String, Value>| map.get(name).cloned().unwrap_or_default();
+                differing(&path, &of(a), &of(b), fields);
+            }
+        }
+        (a, b) if a == b => {}
+        _ => fields.push(path.to_owned()),
+    }
+}

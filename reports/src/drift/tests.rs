@@ -1,0 +1,403 @@
+//! Nights that are made up, with changes that are known.
+
+use std::collections::BTreeMap;
+
+use rstest::rstest;
+use serde_json::json;
+
+use super::{night::Measured, *};
+use crate::{run_directory::EnvironmentRecord, simulation::Noise};
+
+const SCENARIO: &str = "x86_64-debian-12-docker";
+
+/// The level of a night that is like all others, in metres.
+const USUAL_M: f64 = 0.2;
+/// By how much nights differ anyway.
+const SPREAD_M: f64 = 0.001;
+
+/// A night with four windows around that level.
+fn night(number: usize, level_m: f64) -> Night {
+    let windows = [-0.000_2, -0.000_1, 0.000_1, 0.000_2].map(|off| level_m + off);
+    let environment = EnvironmentRecord {
+        environment: format!("e-{number}"),
+        provider: "docker".to_owned(),
+        host: "lab".to_owned(),
+        facts: serde_json::Map::new(),
+        platform: Some(json!({"kernel": "6.1"})),
+    };
+    let measured = Measured {
+        configuration: json!({"settings": {"rate": "50Hz"}, "workload_sha256": "aa"}),
+        environment: Some(environment),
+        values: BTreeMap::from([(Metric::TrackingError, windows.to_vec())]),
+        lack: None,
+    };
+    Night {
+        run: format!("night-{number:03}"),
+        created: format!("2026-{:02}-{:02}T02:00:00.000Z", 1 + number / 28, 1 + number % 28),
+        is_simulated: false,
+        matters_m: None,
+        scenarios: BTreeMap::from([(SCENARIO.to_owned(), measured)]),
+    }
+}
+
+/// So many nights around a level for each.
+fn nights(count: usize, seed: u64, level_m: impl Fn(usize) -> f64) -> Vec<Night> {
+    let mut noise = Noise::new(seed);
+    (0..count)
+        .map(|number| night(number, level_m(number) + SPREAD_M * noise.normal()))
+        .collect()
+}
+
+fn without_windows(night: &mut Night, lack: Lack) {
+    let measured = night.scenarios.get_mut(SCENARIO).unwrap();
+    measured.values.clear();
+    measured.lack = Some(lack);
+}
+
+fn judged(nights: &[Night]) -> Judgement {
+    judged_with(nights, &Settings::default())
+}
+
+fn judged_with(nights: &[Night], settings: &Settings) -> Judgement {
+    let drift = history::judge(nights, settings);
+    assert_eq!(drift.judgements.len(), 1);
+    drift.judgements[0].clone()
+}
+
+fn detectable(verdict: &Verdict) -> f64 {
+    match verdict {
+        Verdict::NoDrift { detectable } => *detectable,
+        other => panic!("{other:?}"),
+    }
+}
+
+#[test]
+fn nights_alike_have_no_drift_and_it_is_said_what_would_have_been_found() {
+    let judgement = judged(&nights(30, 1, |_| USUAL_M));
+    let detectable = detectable(&judgement.verdict);
+    assert!((3.0..8.0).contains(&(detectable / SPREAD_M)), "{detectable}");
+    assert!(judgement.findings.is_empty());
+    assert!(detectable < self::detectable(&judged(&nights(8, 1, |_| USUAL_M)).verdict));
+}
+
+#[rstest]
+#[case::in_the_night_itself(20)]
+#[case::a_night_later(21)]
+#[case::two(22)]
+#[case::three(23)]
+#[case::four(24)]
+#[case::when_it_is_a_change_point(25)]
+#[case::long_after(60)]
+fn a_jump_is_told_in_its_night_and_ever_since(#[case] newest: usize) {
+    let all = nights(60, 5, |number| USUAL_M + if number >= 20 { 0.012 } else { 0.0 });
+    let judgement = judged(&all[..newest + usize::from(newest < 60)]);
+    assert_eq!(judgement.verdict, Verdict::Drift, "{judgement:?}");
+    let [finding] = &judgement.findings[..] else {
+        panic!("{judgement:?}")
+    };
+    assert_eq!(
+        (finding.kind, finding.before.as_str(), finding.since.as_str()),
+        (Kind::Jump, "night-019", "night-020")
+    );
+    assert!((finding.level_since - finding.level_before - 0.012).abs() < 0.003);
+    assert!(finding.p < 0.01);
+}
+
+#[test]
+fn one_night_far_off_is_told_once() {
+    let all = nights(40, 2, |number| USUAL_M + if number == 30 { 0.02 } else { 0.0 });
+    assert_eq!(judged(&all[..31]).verdict, Verdict::Drift);
+    for newest in 32..=40 {
+        let judgement = judged(&all[..newest]);
+        assert!(
+            matches!(judgement.verdict, Verdict::NoDrift { .. }),
+            "{newest}: {judgement:?}"
+        );
+    }
+}
+
+#[test]
+fn what_goes_up_by_little_each_night_is_found_as_a_slope() {
+    let judgement = judged(&nights(60, 3, |number| USUAL_M + 0.000_1 * number as f64));
+    assert_eq!(judgement.verdict, Verdict::Drift, "{judgement:?}");
+    let kinds: Vec<Kind> = judgement.findings.iter().map(|finding| finding.kind).collect();
+    assert_eq!(kinds, [Kind::Slope]);
+    let finding = &judgement.findings[0];
+    assert!(finding.level_since - finding.level_before > 0.004, "{finding:?}");
+}
+
+#[test]
+fn a_small_jump_is_found_by_its_change_point() {
+    let judgement = judged(&nights(60, 8, |number| {
+        USUAL_M + if number >= 30 { 0.003 } else { 0.0 }
+    }));
+    let [finding] = &judgement.findings[..] else {
+        panic!("{judgement:?}")
+    };
+    assert!(
+        ("night-028".."night-033").contains(&finding.since.as_str()),
+        "{finding:?}"
+    );
+}
+
+#[rstest]
+#[case::invalid(Lack::Invalid("window 1: late".to_owned()), Verdict::Invalid { reason: "window 1: late".to_owned() })]
+#[case::errored(Lack::Absent("errored: no engine".to_owned()), Verdict::TooLittle { reason: "errored: no engine".to_owned() })]
+#[case::infeasible(Lack::NotAsked("infeasible: no engine".to_owned()), Verdict::TooLittle { reason: "infeasible: no engine".to_owned() })]
+fn a_newest_night_without_a_number_is_never_a_pass(#[case] lack: Lack, #[case] verdict: Verdict) {
+    let mut all = nights(30, 1, |_| USUAL_M);
+    without_windows(all.last_mut().unwrap(), lack);
+    assert_eq!(judged(&all).verdict, verdict);
+}
+
+#[test]
+fn an_earlier_night_without_a_number_is_left_out() {
+    let mut all = nights(30, 1, |_| USUAL_M);
+    without_windows(&mut all[10], Lack::Invalid("window 1: late".to_owned()));
+    let judgement = judged(&all);
+    assert!(matches!(judgement.verdict, Verdict::NoDrift { .. }));
+    assert_eq!(judgement.nights, 29);
+}
+
+#[rstest]
+#[case(1)]
+#[case(4)]
+fn a_few_nights_are_too_little(#[case] count: usize) {
+    let judgement = judged(&nights(count, 1, |_| USUAL_M));
+    let Verdict::TooLittle { reason } = judgement.verdict else {
+        panic!("{judgement:?}")
+    };
+    assert!(reason.contains("takes 4"), "{reason}");
+}
+
+#[test]
+fn nothing_to_judge_is_too_little() {
+    let drift = history::judge(&[], &Settings::default());
+    assert!(matches!(drift.verdict(), Verdict::TooLittle { .. }));
+    assert!(drift.junit().contains("nothing was judged"));
+}
+
+#[test]
+fn what_was_never_to_be_measured_is_not_judged() {
+    let mut all = nights(10, 1, |_| USUAL_M);
+    for night in &mut all {
+        let mut other = night.scenarios[SCENARIO].clone();
+        other.values.clear();
+        other.lack = Some(Lack::NotAsked("infeasible: no VirtualBox".to_owned()));
+        night
+            .scenarios
+            .insert("x86_64-debian-12-virtualbox".to_owned(), other);
+    }
+    assert_eq!(judged(&all).scenario, SCENARIO);
+}
+
+#[test]
+fn what_the_newest_run_does_not_know_is_remarked() {
+    let mut all = nights(10, 1, |_| USUAL_M);
+    let other = all[0].scenarios[SCENARIO].clone();
+    all[0].scenarios.insert("gone".to_owned(), other);
+    assert_eq!(
+        history::judge(&all, &Settings::default()).remarks,
+        ["gone is not in the newest run"]
+    );
+}
+
+fn jump_with(change: impl Fn(&mut Measured)) -> Cause {
+    let mut all = nights(40, 5, |number| USUAL_M + if number >= 20 { 0.012 } else { 0.0 });
+    for night in &mut all[20..] {
+        change(night.scenarios.get_mut(SCENARIO).unwrap());
+    }
+    judged(&all).findings[0].cause.clone()
+}
+
+#[test]
+fn a_change_of_what_was_asked_for_is_told_from_one_of_what_it_runs_on() {
+    assert_eq!(
+        jump_with(|measured| {
+            measured.configuration["workload_sha256"] = json!("bb");
+            measured.environment.as_mut().unwrap().platform = Some(json!({"kernel": "6.12"}));
+        }),
+        Cause::Configuration(vec!["workload_sha256".to_owned()])
+    );
+    let Cause::Infrastructure(differences) = jump_with(|measured| {
+        measured.environment.as_mut().unwrap().platform = Some(json!({"kernel": "6.12"}));
+    }) else {
+        panic!("it is the infrastructure")
+    };
+    assert_eq!(differences[0].field, "platform.kernel");
+    assert_eq!(jump_with(|_| ()), Cause::Unexplained);
+}
+
+fn known(baseline: Baseline, expires: &str) -> Settings {
+    Settings {
+        acknowledgements: Acknowledgements {
+            acknowledged: vec![Acknowledgement {
+                scenario: SCENARIO.to_owned(),
+                metric: "*".to_owned(),
+                since: "night-020".to_owned(),
+                reason: "the kernel is 6.12 now".to_owned(),
+                person: "Ada".to_owned(),
+                expires: expires.to_owned(),
+                baseline,
+            }],
+        },
+        ..Settings::default()
+    }
+}
+
+#[test]
+fn what_is_acknowledged_is_not_told_again_until_it_expires() {
+    let all = nights(40, 5, |number| USUAL_M + if number >= 20 { 0.012 } else { 0.0 });
+    let judgement = judged_with(&all, &known(Baseline::Keep, "2027-01-01"));
+    assert!(
+        matches!(judgement.verdict, Verdict::NoDrift { .. }),
+        "{judgement:?}"
+    );
+    assert_eq!(judgement.findings.len(), 1, "it is still there to be seen");
+    let expired = judged_with(&all, &known(Baseline::Keep, "2026-01-01"));
+    assert_eq!(expired.verdict, Verdict::Drift);
+}
+
+#[test]
+fn a_baseline_that_was_reset_begins_with_the_change() {
+    let level = |number| match number {
+        0..20 => USUAL_M,
+        20..35 => USUAL_M + 0.012,
+        _ => USUAL_M,
+    };
+    let all = nights(45, 5, level);
+    let reset = known(Baseline::Reset, "2027-01-01");
+    let before = judged_with(&all[..35], &reset);
+    assert!(matches!(before.verdict, Verdict::NoDrift { .. }), "{before:?}");
+    assert_eq!((before.nights, before.findings.len()), (15, 0));
+    // Back where it was is a change from what is usual now.
+    assert_eq!(judged_with(&all, &reset).verdict, Verdict::Drift);
+}
+
+#[test]
+fn a_change_that_does_not_matter_is_no_drift() {
+    let all = nights(40, 5, |number| USUAL_M + if number >= 20 { 0.012 } else { 0.0 });
+    let judgement = judged_with(
+        &all,
+        &Settings {
+            matters_m: Some(0.05),
+            ..Settings::default()
+        },
+    );
+    assert!(matches!(judgement.verdict, Verdict::NoDrift { .. }));
+    assert!(judgement.findings[0].immaterial);
+}
+
+fn against_baseline(baseline: usize, candidate_m: f64) -> Judgement {
+    let mut all = nights(baseline, 6, |_| USUAL_M);
+    all.push(night(99, candidate_m));
+    baseline::judge(&all, &Settings::default()).judgements[0].clone()
+}
+
+#[test]
+fn a_night_is_judged_against_what_the_baselines_nights_differ_by_anyway() {
+    assert!(matches!(
+        against_baseline(8, USUAL_M + 0.001).verdict,
+        Verdict::NoDrift { .. }
+    ));
+    let judgement = against_baseline(8, USUAL_M + 0.02);
+    assert_eq!(judgement.verdict, Verdict::Drift, "{judgement:?}");
+    assert_eq!(judgement.findings[0].kind, Kind::FromBaseline);
+}
+
+#[test]
+fn four_windows_against_four_cannot_reach_a_hundredth_and_it_is_said() {
+    let judgement = against_baseline(1, USUAL_M + 0.5);
+    let Verdict::TooLittle { reason } = judgement.verdict else {
+        panic!("{judgement:?}")
+    };
+    assert!(reason.contains("give 4 runs as the baseline"), "{reason}");
+}
+
+#[test]
+fn with_three_nights_windows_are_the_units_and_that_is_remarked() {
+    let mut all = nights(3, 6, |_| USUAL_M);
+    all.push(night(99, USUAL_M + 0.02));
+    let drift = baseline::judge(&all, &Settings::default());
+    assert_eq!(drift.verdict(), Verdict::Drift, "{drift:?}");
+    assert!(drift.remarks[0].contains("windows are the units"));
+}
+
+#[test]
+fn drift_anywhere_is_the_verdict_and_no_drift_only_if_nothing_else_is() {
+    let judgement = |verdict| Judgement {
+        scenario: SCENARIO.to_owned(),
+        metric: Metric::TrackingError,
+        verdict,
+        nights: 9,
+        findings: Vec::new(),
+    };
+    let reason = || "r".to_owned();
+    let none = Verdict::NoDrift { detectable: 0.001 };
+    let all = [
+        none.clone(),
+        Verdict::TooLittle { reason: reason() },
+        Verdict::Invalid { reason: reason() },
+        Verdict::Drift,
+    ];
+    for worst in 0..all.len() {
+        let drift = Drift {
+            nights: vec![],
+            judgements: all[..=worst].iter().cloned().map(judgement).collect(),
+            remarks: vec![],
+        };
+        assert_eq!(drift.verdict(), all[worst]);
+    }
+}
+
+/// The shares of histories in which drift is told on their last night.
+fn told(histories: u64, count: usize, settings: &Settings, level_m: impl Fn(usize) -> f64) -> f64 {
+    let told = (0..histories)
+        .filter(|seed| {
+            let all = nights(count, 1000 + seed, &level_m);
+            judged_with(&all, settings).verdict == Verdict::Drift
+        })
+        .count();
+    told as f64 / histories as f64
+}
+
+#[test]
+fn false_findings_are_as_seldom_as_asked_for_and_what_was_said_to_be_found_is() {
+    let settings = Settings {
+        alpha: 0.05,
+        ..Settings::default()
+    };
+    // Of a binomial of 200 at 0.05, 99.9 % lies below 23.
+    let false_alarms = told(200, 30, &settings, |_| USUAL_M);
+    assert!(false_alarms <= 22.0 / 200.0, "{false_alarms}");
+    let detectable = detectable(&judged_with(&nights(30, 1, |_| USUAL_M), &settings).verdict);
+    let found = told(200, 31, &settings, |number| {
+        USUAL_M + if number == 30 { detectable } else { 0.0 }
+    });
+    // Of one at 0.8, above 0.7; what one history says of its own spread is not that of all.
+    assert!(found > 0.65, "{found}");
+}
+
+#[test]
+fn what_is_printed_says_what_changed_and_with_what() {
+    let mut all = nights(40, 5, |number| USUAL_M + if number >= 20 { 0.012 } else { 0.0 });
+    for night in &mut all {
+        let mut other = night.scenarios[SCENARIO].clone();
+        other.values.clear();
+        other.lack = Some(Lack::Absent("errored: the engine | does not <answer>".to_owned()));
+        night
+            .scenarios
+            .insert("x86_64-debian-12-native".to_owned(), other);
+    }
+    for night in &mut all[20..] {
+        let measured = night.scenarios.get_mut(SCENARIO).unwrap();
+        measured.environment.as_mut().unwrap().platform = Some(json!({"kernel": "6.12"}));
+    }
+    let drift = history::judge(&all, &Settings::default());
+    insta::assert_snapshot!("text", drift.text());
+    insta::assert_snapshot!("junit", drift.junit());
+    insta::assert_snapshot!("github_annotations", drift.github_annotations());
+    insta::assert_snapshot!("github_summary", drift.github_summary());
+    insta::assert_snapshot!("webhook", format!("{:#}", drift.webhook()));
+    assert!(drift.text().lines().all(|line| line.chars().count() <= 80));
+}
