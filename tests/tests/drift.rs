@@ -52,7 +52,7 @@ fn a_night_shift_is_told_once_what_changed_and_never_that_nothing_did_when_nothi
     );
     let junit = fs::read_to_string(workplace.path().join("drift.xml")).unwrap();
     assert!(junit.contains("failures=\"1\""), "{junit}");
-    let said = workplace.json(&["drift", "runs", "--json"]);
+    let said = workplace.json(&["drift", "runs"]);
     assert_eq!(said["verdict"], "drift", "{said:#}");
     let body: serde_json::Value =
         serde_json::from_slice(&fs::read(workplace.path().join("drift.json")).unwrap()).unwrap();
