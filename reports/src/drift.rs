@@ -185,6 +185,19 @@ impl Settings {
 }
 
 impl Drift {
+    /// Where the newest night is not the one that was asked for, such as tonight's: what nights before it say is no pass.
+    #[must_use]
+    pub fn without_the_night(mut self, reason: &str) -> Self {
+        for judgement in &mut self.judgements {
+            if matches!(judgement.verdict, Verdict::NoDrift { .. }) {
+                judgement.verdict = Verdict::TooLittle {
+                    reason: reason.to_owned(),
+                };
+            }
+        }
+        self
+    }
+
     /// The one verdict: drift if any, and no drift only if nothing else is to be said of any. With nothing judged at all there
     /// is too little.
     #[must_use]

@@ -3,6 +3,7 @@
 use std::{
     env, fs, io,
     path::{Path, PathBuf},
+    time::{Duration, SystemTime},
 };
 
 use clap::Args;
@@ -37,6 +38,9 @@ pub struct DriftArguments {
     /// A YAML file of changes that are known; else `drift.yaml` in the folder of run directories, if there is one.
     #[arg(long, value_name = "FILE")]
     acknowledged: Option<PathBuf>,
+    /// The newest run must be no older than that, such as `12h`: else nothing is known of tonight, which is too little data.
+    #[arg(long, value_name = "TIME", value_parser = humantime::parse_duration)]
+    within: Option<Duration>,
     /// Write JUnit's XML there.
     #[arg(long, value_name = "FILE")]
     junit: Option<PathBuf>,
@@ -65,6 +69,8 @@ const KNOWN: &str = "drift.yaml";
 /// # Errors
 /// When a run directory or the file of what is known cannot be read, or a file not be written.
 pub fn execute(arguments: &DriftArguments) -> Result<Exit, Complaint> {
+    // Reading a year of runs takes a while.
+    let begun = SystemTime::now();
     let settings = |newest: Option<&Night>, acknowledgements| Settings {
         alpha: arguments.alpha,
         matters_m: match arguments.matters {
@@ -74,19 +80,29 @@ pub fn execute(arguments: &DriftArguments) -> Result<Exit, Complaint> {
         acknowledgements,
         ..Settings::default()
     };
-    let found = match (&arguments.history, &arguments.candidate) {
+    let (newest, found) = match (&arguments.history, &arguments.candidate) {
         (Some(history), _) => {
             let nights = in_order(nights(&runs_in(history)?)?);
             let beside = Some(history.join(KNOWN)).filter(|path| path.exists());
             let known = known(arguments.acknowledged.as_ref().or(beside.as_ref()))?;
-            drift::history::judge(&nights, &settings(nights.last(), known))
+            let found = drift::history::judge(&nights, &settings(nights.last(), known));
+            (nights.last().map(|night| night.created.clone()), found)
         }
         (None, candidate) => {
             let mut nights = in_order(nights(&arguments.baseline)?);
             nights.extend(self::nights(candidate.as_slice())?);
             let known = known(arguments.acknowledged.as_ref())?;
-            drift::baseline::judge(&nights, &settings(nights.last(), known))
+            let found = drift::baseline::judge(&nights, &settings(nights.last(), known));
+            (nights.last().map(|night| night.created.clone()), found)
         }
+    };
+    let found = match arguments.within {
+        Some(within) if is_older(newest.as_deref(), begun, within) => found.without_the_night(&format!(
+            "the newest run is of {}, more than {} ago",
+            newest.unwrap_or_default(),
+            humantime::format_duration(within)
+        )),
+        _ => found,
     };
     tell(arguments, &found)?;
     Ok(match found.verdict() {
@@ -95,6 +111,12 @@ pub fn execute(arguments: &DriftArguments) -> Result<Exit, Complaint> {
         Verdict::Invalid { .. } => Exit::InvalidMeasurement,
         Verdict::TooLittle { .. } => Exit::TooLittleData,
     })
+}
+
+/// Whether a run was asked for longer ago than that. One of the future was not.
+fn is_older(created: Option<&str>, now: SystemTime, than: Duration) -> bool {
+    let created = created.and_then(|created| humantime::parse_rfc3339(created).ok());
+    created.is_none_or(|created| now.duration_since(created).is_ok_and(|age| age > than))
 }
 
 /// The run directories of a folder.

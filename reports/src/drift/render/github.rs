@@ -63,7 +63,7 @@ impl Drift {
             );
         }
         for remark in &self.remarks {
-            let _ = write!(text, "\n- {}", cell(remark));
+            let _ = writeln!(text, "\n- {}", cell(remark));
         }
         text
     }
