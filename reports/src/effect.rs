@@ -118,6 +118,15 @@ pub fn level(values: &[f64]) -> Option<f64> {
     (!values.is_empty()).then(|| values.iter().sum::<f64>() / values.len() as f64)
 }
 
+/// The middle one, or the mean of the two in the middle; none of none.
+#[must_use]
+pub fn median(mut values: Vec<f64>) -> Option<f64> {
+    values.sort_by(f64::total_cmp);
+    let upper = *values.get(values.len() / 2)?;
+    let lower = *values.get((values.len() - 1) / 2)?;
+    Some(f64::midpoint(lower, upper))
+}
+
 /// The levels of some windows, without the empty ones.
 #[must_use]
 pub fn levels(windows: &[&[f64]]) -> Vec<f64> {

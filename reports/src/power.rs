@@ -38,16 +38,23 @@ pub fn fewest_windows(alpha: f64) -> Option<usize> {
 /// The standard deviation of window levels within scenarios, pooled, in metres; none where no scenario has two windows.
 #[must_use]
 pub fn spread_of_levels(samples: &[Sample]) -> Option<f64> {
+    let scenarios = samples.chunk_by(|a, b| a.scenario == b.scenario);
+    pooled_spread(scenarios.map(|of_one| -> Vec<f64> {
+        let levels = of_one.iter().map(|sample| effect::level(&sample.errors_m));
+        levels.flatten().collect()
+    }))
+}
+
+/// The standard deviation of values around the means of their groups, pooled, in their unit; none where no group has two.
+#[must_use]
+pub fn pooled_spread(groups: impl IntoIterator<Item = impl AsRef<[f64]>>) -> Option<f64> {
     let mut squares = 0.0;
     let mut freedom = 0.0;
-    for of_one in samples.chunk_by(|a, b| a.scenario == b.scenario) {
-        let levels: Vec<f64> = of_one
-            .iter()
-            .filter_map(|sample| effect::level(&sample.errors_m))
-            .collect();
-        let mean = effect::level(&levels).unwrap_or_default();
-        squares += levels.iter().map(|level| (level - mean).powi(2)).sum::<f64>();
-        freedom += levels.len().saturating_sub(1) as f64;
+    for group in groups {
+        let group = group.as_ref();
+        let mean = effect::level(group).unwrap_or_default();
+        squares += group.iter().map(|value| (value - mean).powi(2)).sum::<f64>();
+        freedom += group.len().saturating_sub(1) as f64;
     }
     (freedom > 0.0).then(|| (squares / freedom).sqrt())
 }

@@ -8,6 +8,7 @@
 //! - **A change of level** by the largest CUSUM, max |Σ_{i ≤ k} (x_i − x̄)|, its p by dealing blocks of periods anew, since
 //!   neighbours are correlated (Kirch, *Block permutation principles for the change analysis of dependent data*, 2007).
 
+use crate::effect::median;
 use crate::relabelling::{Coverage, Effort, Relabellings};
 
 /// A change of level is told below this p.
@@ -87,19 +88,15 @@ fn mser(values: &[f64]) -> usize {
 
 fn without_cycle(slices: &[f64], per_period: usize) -> Vec<f64> {
     let usual: Vec<f64> = (0..per_period)
-        .map(|phase| median(slices.iter().skip(phase).step_by(per_period).copied().collect()))
+        .map(|phase| {
+            median(slices.iter().skip(phase).step_by(per_period).copied().collect()).unwrap_or_default()
+        })
         .collect();
     slices
         .iter()
         .zip(usual.iter().cycle())
         .map(|(slice, usual)| slice - usual)
         .collect()
-}
-
-fn median(mut values: Vec<f64>) -> f64 {
-    values.sort_by(f64::total_cmp);
-    let middle = |at: usize| values.get(at).copied().unwrap_or(0.0);
-    (middle(values.len() / 2) + middle(values.len().saturating_sub(1) / 2)) / 2.0
 }
 
 fn mean_and_deviation(values: &[f64]) -> Option<(f64, f64)> {

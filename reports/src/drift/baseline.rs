@@ -14,7 +14,6 @@ use statrs::distribution::{ContinuousCDF, StudentsT};
 
 use super::{
     Cause, Drift, Finding, Judgement, Kind, Lack, Metric, Night, Settings, Verdict,
-    night::median,
     series::{Point, Series, level_of, remarks, series_of},
 };
 use crate::{multiplicity::holm, permutation, power, relabelling::Effort};
@@ -187,19 +186,9 @@ fn compare(series: &Series<'_>, level: f64, seed: u64) -> Result<Comparison, Ver
     }
     Ok(Comparison {
         p: test.p,
-        detectable: power::detectable_shift(a.len(), b.len(), spread_within(&[&a, &b]), level),
+        detectable: power::pooled_spread([a.as_slice(), &b])
+            .and_then(|spread| power::detectable_shift(a.len(), b.len(), spread, level)),
     })
-}
-
-/// The pooled standard deviation of values around the means of their groups.
-fn spread_within(groups: &[&[f64]]) -> f64 {
-    let (mut squares, mut freedom) = (0.0, 0.0);
-    for group in groups {
-        let mean = group.iter().sum::<f64>() / group.len().max(1) as f64;
-        squares += group.iter().map(|value| (value - mean).powi(2)).sum::<f64>();
-        freedom += group.len().saturating_sub(1) as f64;
-    }
-    (squares / f64::max(freedom, 1.0)).sqrt()
 }
 
 fn judgement(
@@ -244,12 +233,6 @@ fn judgement(
         nights: series.points.len(),
         findings,
     }
-}
-
-/// What the middle of some nights is, for those that stand before a change.
-#[must_use]
-pub(super) fn middle(levels: &[f64]) -> f64 {
-    median(levels.to_vec()).unwrap_or_default()
 }
 
 #[cfg(test)]

@@ -12,10 +12,11 @@
 
 use super::{
     Cause, Drift, Finding, Judgement, Kind, Night, Search, Settings, Statistic, Trend, Verdict,
-    baseline::{Expectation, FEWEST_NIGHTS, lacking, middle},
+    baseline::{Expectation, FEWEST_NIGHTS, lacking},
     change_points,
     series::{Point, Series, level_of, remarks, series_of},
 };
+use crate::effect::median;
 
 /// The fewest nights between two changes.
 pub const SHORTEST: usize = 5;
@@ -216,7 +217,7 @@ fn badness_of_line(levels: &[f64], slope: f64) -> f64 {
         .enumerate()
         .map(|(night, level)| level - slope * night as f64)
         .collect();
-    let middle = middle(&flat);
+    let middle = median(flat.clone()).unwrap_or_default();
     badness(
         flat.iter().map(|level| (level - middle).abs()).sum(),
         levels.len(),
@@ -231,7 +232,7 @@ fn badness_of_steps(levels: &[f64], jumps: &[(usize, f64)]) -> f64 {
     let mut sum = 0.0;
     for end in ends {
         let stretch = levels.get(begins..end).unwrap_or_default();
-        let middle = middle(stretch);
+        let middle = median(stretch.to_vec()).unwrap_or_default();
         sum += stretch.iter().map(|level| (level - middle).abs()).sum::<f64>();
         begins = end;
     }

@@ -5,7 +5,7 @@ use std::collections::BTreeMap;
 use serde_json::{Value, json};
 
 use crate::{
-    effect::level,
+    effect::{level, median},
     report::VIRTUALIZATION,
     run::{Ending, Run, ScenarioRun, WindowState},
     run_directory::{EnvironmentRecord, Event, Journal, ReadError},
@@ -110,14 +110,6 @@ impl Measured {
     pub fn level(&self, metric: Metric) -> Option<f64> {
         median(self.values.get(&metric)?.clone())
     }
-}
-
-/// The middle one, or the mean of the two in the middle; none of none.
-pub(super) fn median(mut values: Vec<f64>) -> Option<f64> {
-    values.sort_by(f64::total_cmp);
-    let upper = *values.get(values.len() / 2)?;
-    let lower = *values.get((values.len() - 1) / 2)?;
-    Some(f64::midpoint(lower, upper))
 }
 
 impl Night {

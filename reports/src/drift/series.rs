@@ -4,11 +4,8 @@ use std::collections::BTreeSet;
 
 use serde_json::Value;
 
-use super::{
-    Lack, Metric, Night,
-    night::{Measured, median},
-};
-use crate::run_directory::Difference;
+use super::{Lack, Metric, Night, night::Measured};
+use crate::{effect::median, run_directory::Difference};
 
 /// What one scenario and metric came to, night after night.
 #[derive(Debug, Clone, PartialEq)]
