@@ -18,6 +18,7 @@ mod environment;
 mod journal;
 mod lines;
 mod manifest;
+mod number;
 mod plan;
 mod reading;
 
