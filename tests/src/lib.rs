@@ -3,6 +3,7 @@
 //! The tests are in `tests/`, this is what they share. The main type is [`Workplace`]; [`Guest`] is a machine with a
 //! kernel of its own.
 
+pub mod browser;
 pub mod difference;
 pub mod engine;
 mod fleet;

@@ -120,7 +120,7 @@ fn prose(text: &str) -> Markup {
     }
 }
 
-/// Drawings for paper, which are white in the dark, too.
+/// Drawings for paper. On a narrow screen they keep a size at which they can be read, and are moved.
 fn trajectories(figures: &[Figure]) -> Markup {
     let mut trajectories = figures
         .iter()
@@ -129,9 +129,10 @@ fn trajectories(figures: &[Figure]) -> Markup {
     html! {
         @if trajectories.peek().is_none() { p { "No window has a whole period." } }
         @for figure in trajectories {
-            figure .paper role="img" aria-label={ "Target and actual position, " (figure.name) } {
+            @let about = format!("Target and actual position, {}", figure.name);
+            figure .wide tabindex="0" role="region" aria-label=(about) {
                 // Of our own making, by a library that escapes texts.
-                (PreEscaped(&figure.svg))
+                div .paper role="img" aria-label=(about) { (PreEscaped(&figure.svg)) }
             }
         }
     }
@@ -147,7 +148,7 @@ fn environments(report: &Report) -> Markup {
         @if described.is_empty() { p { "No scenario came so far as to have an environment." } }
         @for (scenario, environment) in described {
             @for remark in environment.remarks() {
-                p { strong { (scenario.id) } " " (scenario.slug) ": " (remark) }
+                p { strong { (scenario.id) } " " (scenario.slug) ": " (prose(&remark)) }
             }
             details {
                 summary { (scenario.id) " " (scenario.slug) }

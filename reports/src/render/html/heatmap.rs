@@ -1,4 +1,4 @@
-//! Every comparison of two windows as a field: the darker, the larger the distance; a dot where it was rejected. With many
+//! Every comparison of two windows as a field: the stronger its colour, the larger the distance; a dot where it was rejected. With many
 //! windows the scenarios take their place: the share of their window pairs that was rejected.
 
 use maud::{Markup, html};
@@ -19,7 +19,13 @@ struct Field {
     depth: f64,
     rejected: bool,
     words: String,
+    /// The same as a row of the list.
+    cells: Vec<String>,
 }
+
+/// The list's columns by window, and by scenario.
+const BY_WINDOW: [&str; 5] = ["between", "D", "", "log10 p", "verdict"];
+const BY_SCENARIO: [&str; 3] = ["between", "window pairs", "rejected"];
 
 pub(super) fn draw(report: &Report) -> Markup {
     if report.tallies.is_empty() {
@@ -31,6 +37,8 @@ pub(super) fn draw(report: &Report) -> Markup {
     } else {
         scenarios(report)
     };
+    let headings: &[&str] = if by_window { &BY_WINDOW } else { &BY_SCENARIO };
+    let is_number = |heading: &str| !["between", "verdict"].contains(&heading);
     let side = MARGIN + names.len() as f64 * SIDE + 2.0;
     let at = |index: usize| MARGIN + index as f64 * SIDE;
     html! {
@@ -57,10 +65,10 @@ pub(super) fn draw(report: &Report) -> Markup {
             }
             figcaption {
                 @if by_window {
-                    "A field for each two windows, such as a1 and b2: the darker, the larger the distance D (0 to 1); a dot: \
+                    "A field for each two windows, such as a1 and b2: the stronger its colour, the larger the distance D (0 to 1); a dot: \
                      rejected at p < " (report.settings.alpha) "."
                 } @else {
-                    "A field for each two scenarios: the darker, the larger the share of their window pairs that was rejected; a \
+                    "A field for each two scenarios: the stronger its colour, the larger the share of their window pairs that was rejected; a \
                      dot: some were."
                 }
             }
@@ -69,10 +77,13 @@ pub(super) fn draw(report: &Report) -> Markup {
             summary { "The same as a list" }
             div .wide tabindex="0" role="region" aria-label="Every comparison as a list" {
                 table .sortable {
-                    thead { tr { th scope="col" { "between" } th scope="col" { "what" } } }
+                    thead { tr { @for heading in headings {
+                        th scope="col" .number[is_number(heading)] { (heading) }
+                    } } }
                     tbody { @for field in &fields {
-                        @let (between, what) = field.words.split_once(": ").unwrap_or((&field.words, ""));
-                        tr { td { (between) } td { (what) } }
+                        tr { @for (cell, heading) in field.cells.iter().zip(headings) {
+                            td .number[is_number(heading)] { (cell) }
+                        } }
                     } }
                 }
             }
@@ -94,23 +105,28 @@ fn windows(report: &Report) -> (Vec<String>, Vec<Field>) {
             name(&comparison.b, comparison.b_window),
         );
         let test = &comparison.test;
+        let verdict = if comparison.rejected {
+            "rejected"
+        } else {
+            "not rejected"
+        };
+        let cells = vec![
+            format!("{a} and {b}"),
+            format!("{:.3}", test.d),
+            format!("{}/{}", test.h, test.lcm),
+            format!("{:.2}", test.log10_p),
+            verdict.to_owned(),
+        ];
         Some(Field {
             row: index(&b)?,
             column: index(&a)?,
             depth: test.d,
             rejected: comparison.rejected,
             words: format!(
-                "{a} and {b}: D = {}/{} = {:.3}, log10 p = {:.2}, {}",
-                test.h,
-                test.lcm,
-                test.d,
-                test.log10_p,
-                if comparison.rejected {
-                    "rejected"
-                } else {
-                    "not rejected"
-                }
+                "{a} and {b}: D = {}/{} = {:.3}, log10 p = {:.2}, {verdict}",
+                test.h, test.lcm, test.d, test.log10_p
             ),
+            cells,
         })
     });
     (names.clone(), fields.collect())
@@ -129,6 +145,11 @@ fn scenarios(report: &Report) -> (Vec<String>, Vec<Field>) {
                 "{} and {}: {} of {} window pairs rejected",
                 tally.a, tally.b, tally.rejected, tally.pairs
             ),
+            cells: vec![
+                format!("{} and {}", tally.a, tally.b),
+                tally.pairs.to_string(),
+                tally.rejected.to_string(),
+            ],
         })
     });
     (names.clone(), fields.collect())

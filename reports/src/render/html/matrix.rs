@@ -2,6 +2,7 @@
 
 use maud::{Markup, html};
 
+use super::prose;
 use crate::report::{Report, ScenarioReport, Standing, VIRTUALIZATION};
 
 pub(super) fn draw(report: &Report) -> Markup {
@@ -64,7 +65,7 @@ fn cell(scenario: &ScenarioReport) -> Markup {
             }
             @if scenario.is_control { br; "control" }
             @if scenario.is_simulated { br; strong { "simulated, not measured" } }
-            @if let Some(reason) = &scenario.reason { br; span .note { (reason) } }
+            @if let Some(reason) = &scenario.reason { br; span .note { (prose(reason)) } }
         }
     }
 }

@@ -3,13 +3,18 @@
 
 use maud::{Markup, html};
 
-use super::plot::{Axis, Plot};
+use super::{
+    plot::{Axis, Plot},
+    prose,
+};
 use crate::{
     figure::chosen_pairs,
     ks::{self, KsTest},
     report::{Report, ScenarioReport},
 };
 
+/// Which pairs are drawn.
+const CHOSEN: &str = "`report.figures` names the pairs; left out, each control and each other scenario.";
 /// Bars of a histogram.
 const BARS: usize = 24;
 
@@ -21,9 +26,9 @@ pub(super) fn draw(report: &Report) -> Markup {
         .collect();
     html! {
         @if pairs.is_empty() {
-            p { "No pair of scenarios has data. `report.figures` names the pairs; left out, each control and each other scenario." }
+            p { "No pair of scenarios has data. " (prose(CHOSEN)) }
         } @else {
-            p { "All values of two scenarios, in metres: the pairs of `report.figures`, or each control and each other scenario." }
+            p { "All values of two scenarios, in metres. " (prose(CHOSEN)) }
         }
         @for pair in &pairs { (pair) }
     }
