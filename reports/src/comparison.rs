@@ -1,7 +1,7 @@
 //! All pairs of windows compared, within each scenario and between each two: the counts that the paper tables. The main
 //! types are [`Comparison`] and [`Tally`], made by [`compare`].
 
-use std::collections::BTreeMap;
+use std::{borrow::Cow, collections::BTreeMap};
 
 use crate::{
     ks::{KsTest, Pool, Procedure},
@@ -53,26 +53,56 @@ pub struct Compared {
     pub tallies: Vec<Tally>,
 }
 
+/// The values of one window, whatever they are of.
+#[derive(Debug, Clone, PartialEq)]
+pub struct WindowValues<'a> {
+    /// Letter of its scenario.
+    pub scenario: &'a str,
+    /// Its number.
+    pub window: u32,
+    /// Its values; not empty, and finite.
+    pub values: Cow<'a, [f64]>,
+}
+
 /// Compares every sample with every later one, on all processors. The samples of a scenario stand together.
 #[must_use]
 pub fn compare(samples: &[Sample], settings: &ReportSettings) -> Compared {
-    let errors: Vec<&[f64]> = samples.iter().map(|sample| sample.errors_m.as_slice()).collect();
-    // Never an error: `sample::samples` leaves out what is empty, logs have finite positions only, and as many values
-    // as cannot be ranked would not have been held.
-    let Ok(pool) = Pool::of(&errors) else {
+    let windows: Vec<WindowValues<'_>> = samples
+        .iter()
+        .map(|sample| WindowValues {
+            scenario: &sample.scenario,
+            window: sample.window,
+            values: Cow::Borrowed(&sample.errors_m),
+        })
+        .collect();
+    compare_windows(&windows, settings, LISTED)
+}
+
+/// Counts the rejections of every window against every later one. The windows of a scenario stand together.
+#[must_use]
+pub fn tallies(windows: &[WindowValues<'_>], settings: &ReportSettings) -> Vec<Tally> {
+    compare_windows(windows, settings, 0).tallies
+}
+
+/// No more comparisons than so many are `listed`: else none of them.
+fn compare_windows(windows: &[WindowValues<'_>], settings: &ReportSettings, listed: usize) -> Compared {
+    let values: Vec<&[f64]> = windows.iter().map(|window| &*window.values).collect();
+    // Never an error: what is empty was left out, logs have finite positions only, and as many values as cannot be ranked
+    // would not have been held.
+    let Ok(pool) = Pool::of(&values) else {
         return Compared::default();
     };
     let procedure = Procedure {
         method: settings.method,
         ..Procedure::default()
     };
-    let scenarios: Vec<&[Sample]> = samples.chunk_by(|a, b| a.scenario == b.scenario).collect();
+    let scenarios: Vec<&[WindowValues<'_>]> = windows.chunk_by(|a, b| a.scenario == b.scenario).collect();
     // Which of them each sample is of.
     let number: Vec<usize> = (0..)
         .zip(&scenarios)
-        .flat_map(|(number, samples)| samples.iter().map(move |_| number))
+        .flat_map(|(number, windows)| windows.iter().map(move |_| number))
         .collect();
-    let is_listed = pairs_of(samples.len()) <= LISTED;
+    let is_listed = pairs_of(windows.len()) <= listed;
 
     let rows = pool.pairs(procedure, |_, partners| {
         let mut row = Row::default();
@@ -93,18 +123,18 @@ pub fn compare(samples: &[Sample], settings: &ReportSettings) -> Compared {
             counts.entry((number[first], second)).or_default().add(&count);
         }
         for (second, test) in (first + 1..).zip(row.tests) {
-            let (first, second) = (&samples[first], &samples[second]);
+            let (first, second) = (&windows[first], &windows[second]);
             comparisons.push(Comparison {
-                a: first.scenario.clone(),
+                a: first.scenario.to_owned(),
                 a_window: first.window,
-                b: second.scenario.clone(),
+                b: second.scenario.to_owned(),
                 b_window: second.window,
                 rejected: test.p < settings.alpha,
                 test,
             });
         }
     }
-    let letter = |number: usize| scenarios[number][0].scenario.clone();
+    let letter = |number: usize| scenarios[number][0].scenario.to_owned();
     let tallies = counts.into_iter().map(|((a, b), count)| Tally {
         a: letter(a),
         b: letter(b),

@@ -264,7 +264,7 @@ fn distribution_effects(merged: &Merged, above: &[Vec<f64>], first: usize, count
 
 /// The share of resamples beyond each end of the interval: the normal tail of Student's quantile, widened for the
 /// bootstrap's spread that is short by √((n − 1)/n). None for a single window on a side, which says nothing of spread.
-fn tail(n: usize, m: usize) -> Option<f64> {
+pub(crate) fn tail(n: usize, m: usize) -> Option<f64> {
     let fewest = n.min(m) as f64;
     if fewest < 2.0 {
         return None;
@@ -279,7 +279,8 @@ fn normal_quantile(share: f64) -> f64 {
     Normal::new(0.0, 1.0).map_or(f64::INFINITY, |normal| normal.inverse_cdf(share))
 }
 
-fn percentiles(mut values: Vec<f64>, tail: f64) -> Option<Interval> {
+/// The interval that leaves out so large a share of the resampled values on each side.
+pub(crate) fn percentiles(mut values: Vec<f64>, tail: f64) -> Option<Interval> {
     values.sort_by(f64::total_cmp);
     let beyond = (tail * values.len() as f64).floor() as usize;
     Some(Interval {

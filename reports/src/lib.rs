@@ -1,8 +1,9 @@
 //! Run directory -> samples -> comparisons -> tables and figures.
 //!
 //! ```text
-//! load(path) -> Run           reads the run directory; the only reading there is
-//! analyse(&Run, settings) -> Report     pure
+//! load(path) -> Run           reads the run directory
+//! traffic::read(&Run) -> Traffic        reads its captures
+//! analyse(&Run, Traffic, settings) -> Report     pure
 //! Report::markdown, html, json      pure
 //! write(&Run, &Report)        the run directory's `report/`, and nothing else of it
 //! drift::history::judge(&[Night], settings) -> Drift    pure: many runs, and whether they change
@@ -39,6 +40,7 @@ pub mod shape;
 pub mod simulation;
 pub mod steadiness;
 pub mod table;
+pub mod traffic;
 mod verdict;
 pub mod within;
 mod writing;

@@ -15,7 +15,6 @@ mod flow;
 mod frames;
 mod log;
 mod spans;
-mod stretch;
 mod table;
 
 use std::path::PathBuf;
@@ -23,17 +22,16 @@ use std::path::PathBuf;
 use serde::Serialize;
 use workload::record::{self, window::WindowRecord};
 
+pub use self::table::TableError;
 use self::{
     exchange::{Exchange, Ports},
     flow::Delivery,
     log::{Logged, LoggedMessages},
-    stretch::{CapturedWindow, Stretch},
     table::{MessageRow, MessageTable},
 };
-pub use self::{frames::Topic, table::TableError};
 use crate::{
     ReadError,
-    packets::CaptureReadError,
+    packets::{CaptureReadError, CapturedWindow, Stretch, Topic},
     run::read_plan,
     run_directory::{PlannedScenario, RunDirectory, read_record},
 };
@@ -235,30 +233,18 @@ fn write_scenario(
     })
 }
 
-/// Reads both captures in the order of their stamps.
 fn read_packets(
     stretch: &Stretch,
     mut out: impl FnMut(Ports, Delivery) -> Result<(), MessagesError>,
 ) -> Result<(), MessagesError> {
-    let mut sources = Topic::ALL.map(|topic| (topic.sender(), stretch.packets(topic.sender())));
-    for (_, packets) in &mut sources {
-        packets.advance()?;
-    }
     let mut exchange = Exchange::default();
     let mut given = Vec::new();
-    while let Some((host, packets)) = sources
-        .iter_mut()
-        .min_by_key(|(_, packets)| packets.stamp_unix_ns())
-        && let Some(packet) = packets.packet()
-    {
-        exchange.take(*host, &packet, &mut |ports, delivery| {
-            given.push((ports, delivery))
-        });
-        packets.advance()?;
-        for (ports, delivery) in given.drain(..) {
-            out(ports, delivery)?;
-        }
-    }
+    stretch.read(|host, packet| {
+        exchange.take(host, packet, &mut |ports, delivery| given.push((ports, delivery)));
+        given
+            .drain(..)
+            .try_for_each(|(ports, delivery)| out(ports, delivery))
+    })?;
     exchange.finish(&mut |ports, delivery| given.push((ports, delivery)));
     given
         .into_iter()

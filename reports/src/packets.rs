@@ -5,10 +5,16 @@
 //! h1.pcap, h1.pcap.zst -> CaptureFile -> Packet -> Segment
 //! ```
 //!
-//! The main types are [`CaptureFile`] and [`Segment`].
+//! Windows without a gap between them are one stream, a `Stretch`. The main types are [`CaptureFile`] and [`Segment`].
 
 mod capture_file;
 mod segment;
+mod sequence;
+mod stretch;
+mod topic;
 
 pub use capture_file::{CaptureFault, CaptureFile, CaptureReadError, Packet};
 pub use segment::Segment;
+pub(crate) use sequence::{Coming, Departure, Furthest, Passage, count_on};
+pub(crate) use stretch::{CapturedWindow, Stretch};
+pub use topic::Topic;

@@ -4,7 +4,7 @@
 use std::fmt;
 
 use serde_json::{Map, Value};
-use workload::record::window::Verdict;
+use workload::{record::window::Verdict, settings::NetworkBackend};
 
 use crate::{
     comparison::{Compared, Comparison, LISTED, Tally, compare, pairs_of},
@@ -18,6 +18,7 @@ use crate::{
     sample::{Sample, samples},
     settings::ReportSettings,
     table::{self, Table},
+    traffic::{self, Explanation, Traffic, TrafficTally},
     within::WithinWindows,
 };
 
@@ -43,6 +44,12 @@ pub struct Report {
     pub tallies: Vec<Tally>,
     /// The pairs of the declared family, with the window as the unit.
     pub contrasts: Contrasts,
+    /// What became of the packets; empty without captures.
+    pub traffic: Traffic,
+    /// The counts of the packets' quantities.
+    pub traffic_tallies: Vec<TrafficTally>,
+    /// What of the packets goes with the differences in error.
+    pub explanations: Vec<Explanation>,
     /// What a reader must know before believing the tables.
     pub remarks: Vec<String>,
     /// The paper's tables, and how well each platform held its schedule.
@@ -58,6 +65,8 @@ pub struct ScenarioReport {
     pub slug: String,
     /// Axis to value.
     pub axes: Map<String, Value>,
+    /// How its network was to be made.
+    pub network: NetworkBackend,
     /// Whether it is one of the experimental controls.
     pub is_control: bool,
     /// Whether its numbers were made up by the `fake` provider.
@@ -196,10 +205,10 @@ pub(crate) fn text_of(value: &Value) -> String {
     }
 }
 
-/// Compares every window of a run with every other and tables the counts. Pure: the same run and settings give the
+/// Compares every window of a run with every other and tables the counts. Pure: the same run, traffic and settings give the
 /// same report.
 #[must_use]
-pub fn analyse(run: &Run, settings: &ReportSettings) -> Report {
+pub fn analyse(run: &Run, traffic: Traffic, settings: &ReportSettings) -> Report {
     let samples = samples(run, settings);
     let Compared { comparisons, tallies } = compare(&samples, settings);
     let scenarios: Vec<ScenarioReport> = run
@@ -207,11 +216,15 @@ pub fn analyse(run: &Run, settings: &ReportSettings) -> Report {
         .iter()
         .map(|scenario| scenario_report(scenario, settings, &samples))
         .collect();
+    let contrasts = Contrasts::of(&family_pairs(&scenarios, settings), &samples, settings);
     let mut report = Report {
         run: run.manifest.run.clone(),
         created: run.manifest.created.clone(),
         settings: settings.clone(),
-        contrasts: Contrasts::of(&family_pairs(&scenarios, settings), &samples, settings),
+        traffic_tallies: traffic::compared(&traffic, settings),
+        explanations: traffic::explanations(&contrasts.pairs, &samples, &traffic, settings),
+        traffic,
+        contrasts,
         scenarios,
         tallies,
         samples,
@@ -316,6 +329,7 @@ fn scenario_report(scenario: &ScenarioRun, settings: &ReportSettings, samples: &
         id: planned.id.clone(),
         slug: planned.slug.clone(),
         axes: planned.axes.clone(),
+        network: planned.settings.network.backend,
         is_control: settings.is_control(planned),
         is_simulated: scenario.is_simulated(),
         standing,
@@ -423,6 +437,19 @@ fn remarks(report: &Report, cut_lines: &[usize]) -> Vec<String> {
         remarks.push(format!(
             "`report.family` names `{name}`, which is no scenario's letter or slug."
         ));
+    }
+    for (id, found) in &report.traffic.scenarios {
+        for (window, reason) in &found.unreadable {
+            remarks.push(format!(
+                "The captures of {id}, window {window}, are left out of the tables of packets: {reason}."
+            ));
+        }
+        for window in found.windows.iter().filter(|window| window.dropped > 0) {
+            remarks.push(format!(
+                "{} packets of {id}, window {}, were dropped before they were captured: as many may be taken for lost.",
+                window.dropped, window.window
+            ));
+        }
     }
     for line in cut_lines {
         remarks.push(format!(

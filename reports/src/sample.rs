@@ -26,11 +26,7 @@ pub fn samples(run: &Run, settings: &ReportSettings) -> Vec<Sample> {
         .iter()
         .flat_map(|scenario| scenario.counted().map(move |counted| (scenario, counted)))
         .map(|(scenario, (window, record, trace))| {
-            let discarded = if record.starts_run {
-                settings.discard_periods
-            } else {
-                0
-            };
+            let discarded = settings.discarded(record.starts_run);
             let counted = trace.periods.iter().skip(discarded as usize);
             Sample {
                 scenario: scenario.planned.id.clone(),

@@ -49,6 +49,12 @@ impl ReportSettings {
         let mut axes = self.control.iter();
         !self.control.is_empty() && axes.all(|(axis, value)| scenario.axis(axis).as_ref() == Some(value))
     }
+
+    /// How many periods of a window are left out.
+    #[must_use]
+    pub const fn discarded(&self, starts_run: bool) -> u32 {
+        if starts_run { self.discard_periods } else { 0 }
+    }
 }
 
 impl Default for ReportSettings {

@@ -4,6 +4,7 @@
 
 mod contrasts;
 mod differences;
+mod packets;
 mod platforms;
 mod releases;
 mod schedule;
@@ -55,6 +56,7 @@ pub(crate) fn all(report: &Report) -> Vec<Table> {
     tables.extend(contrasts::of(report));
     tables.extend(differences::of(report));
     tables.push(within::of(report));
+    tables.extend(packets::of(report));
     tables.push(schedule::of(report));
     tables.extend(releases::of(report));
     tables

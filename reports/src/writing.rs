@@ -95,6 +95,7 @@ fn column_files(report: &Report) -> Result<Vec<(PathBuf, Vec<u8>)>, WriteError> 
         ("comparisons", columns::comparisons(report)),
         ("contrasts", columns::contrasts(report)),
         ("samples", columns::samples(report)),
+        ("packets", columns::packets(report)),
     ];
     let mut files = Vec::new();
     for (name, table) in tables {

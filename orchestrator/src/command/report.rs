@@ -53,7 +53,7 @@ pub fn execute(arguments: &ReportArguments) -> Result<Exit, Complaint> {
     }
     settings.metric = arguments.metric.unwrap_or(settings.metric);
     settings.discard_periods = arguments.discard_periods.unwrap_or(settings.discard_periods);
-    let report = reports::analyse(&run, &settings);
+    let report = reports::analyse(&run, reports::traffic::read(&run), &settings);
     reports::write(&run, &report)
         .map_err(|error| Complaint::new(Exit::Infrastructure, &error, Some(error.hint().to_owned())))?;
     if arguments.output.json {

@@ -5,11 +5,8 @@ use std::{collections::HashMap, net::Ipv4Addr};
 
 use workload::virtual_host::VirtualHost;
 
-use super::{
-    flow::{Delivery, Flow},
-    frames::Topic,
-};
-use crate::packets::{Packet, Segment};
+use super::flow::{Delivery, Flow};
+use crate::packets::{Packet, Segment, Topic};
 
 /// How often connections that have gone silent are looked for.
 const SWEEP_EVERY_NS: i64 = 1_000_000_000;
@@ -42,10 +39,7 @@ impl Ports {
     /// The other direction.
     fn back(self) -> Self {
         Self {
-            topic: match self.topic {
-                Topic::State => Topic::Command,
-                Topic::Command => Topic::State,
-            },
+            topic: self.topic.back(),
             from: self.to,
             to: self.from,
         }

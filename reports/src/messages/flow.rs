@@ -14,11 +14,11 @@
 use std::collections::VecDeque;
 
 use super::{
-    crossings::{Crossing, Crossings, Passage},
-    frames::{Found, FrameFinder, Label, Topic},
+    crossings::{Crossing, Crossings},
+    frames::{Found, FrameFinder, Label},
     spans::Spans,
 };
-use crate::packets::Segment;
+use crate::packets::{Passage, Segment, Topic, count_on};
 
 /// How long after it was acknowledged a message waits for duplicates: longer than a packet can be under way.
 const LINGER_NS: i64 = 5_000_000_000;
@@ -109,7 +109,7 @@ impl Flow {
         let Some((begin, end)) = self.place(segment, at_unix_ns) else {
             return;
         };
-        let crossing = self.sent.add(begin, end, at_unix_ns, segment.sent_clock);
+        let crossing = self.sent.add(begin, end, at_unix_ns, segment.departure());
         if self.content.has_begun() && end > self.content.begin + LARGEST_FLIGHT {
             // Its acknowledgements are not in the capture.
             self.settle(end - LARGEST_FLIGHT / 2, at_unix_ns);
@@ -126,7 +126,7 @@ impl Flow {
         let Some((begin, end)) = self.place(segment, at_unix_ns) else {
             return;
         };
-        let crossing = self.arrived.add(begin, end, at_unix_ns, segment.sent_clock);
+        let crossing = self.arrived.add(begin, end, at_unix_ns, segment.departure());
         for pending in overlapping(&mut self.pending, &crossing) {
             pending.arrive(&crossing);
         }
@@ -273,12 +273,6 @@ fn overlapping<'a>(
     let first = pending.partition_point(|message| message.end <= begin);
     let after = pending.partition_point(|message| message.begin < end);
     pending.range_mut(first..after.max(first))
-}
-
-/// The place nearest to `near` that has this sequence number.
-fn count_on(near: u64, sequence: u32) -> u64 {
-    let forward = sequence.wrapping_sub(near as u32).cast_signed();
-    near.saturating_add_signed(forward.into())
 }
 
 /// The bytes of a stream from the first one that is not done with.

@@ -8,8 +8,11 @@ use std::{
 
 use csv::ByteRecord;
 
-use super::frames::{Label, Topic};
-use crate::run_directory::{ControlLogError, Fault, ReadError};
+use super::frames::Label;
+use crate::{
+    packets::Topic,
+    run_directory::{ControlLogError, Fault, ReadError},
+};
 
 /// A message in the log.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]

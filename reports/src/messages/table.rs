@@ -15,10 +15,8 @@ use polars::{
     prelude::{CsvWriter, ParquetCompression, ParquetWriter, SerWriter},
 };
 
-use super::{
-    exchange::Ports,
-    frames::{Label, Topic},
-};
+use super::{exchange::Ports, frames::Label};
+use crate::packets::Topic;
 
 /// Rows that are gathered before they are written; also a row group of the Parquet file.
 const PIECE: usize = 1 << 16;

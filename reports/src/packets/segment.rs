@@ -6,7 +6,7 @@ use etherparse::{
     EtherType, Ethernet2HeaderSlice, IpNumber, Ipv4HeaderSlice, TcpHeaderSlice, TcpOptionElement,
 };
 
-use super::Packet;
+use super::{Packet, sequence::Departure};
 
 /// A TCP segment over IPv4 over Ethernet (RFC 9293), without copying anything.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -15,6 +15,8 @@ pub struct Segment<'a> {
     pub source: SocketAddrV4,
     /// To whom.
     pub destination: SocketAddrV4,
+    /// IP's number of it: Linux counts the packets of a connection with it, so that a segment that is sent again has another.
+    pub identification: u16,
     /// Sequence number of its first byte, or of its SYN.
     pub sequence: u32,
     /// Up to where the sender has received the other direction.
@@ -31,6 +33,14 @@ pub struct Segment<'a> {
 }
 
 impl<'a> Segment<'a> {
+    /// What tells when it was sent.
+    pub(crate) const fn departure(&self) -> Departure {
+        Departure {
+            clock: self.sent_clock,
+            identification: self.identification,
+        }
+    }
+
     /// The segment in a packet; none if the packet is something else, or cut within its headers.
     #[must_use]
     pub fn parse(packet: &Packet<'a>) -> Option<Self> {
@@ -56,6 +66,7 @@ impl<'a> Segment<'a> {
         Some(Self {
             source: SocketAddrV4::new(ip.source_addr(), tcp.source_port()),
             destination: SocketAddrV4::new(ip.destination_addr(), tcp.destination_port()),
+            identification: ip.identification(),
             sequence: tcp.sequence_number(),
             acknowledged: tcp.ack().then(|| tcp.acknowledgment_number()),
             opens: tcp.syn(),

@@ -11,7 +11,9 @@ use crate::{
     comparison::Comparison,
     contrast::Contrast,
     effect::{Effect, Estimate},
+    packets::Topic,
     report::Report,
+    traffic::PeriodTraffic,
 };
 
 /// One row a comparison.
@@ -98,6 +100,48 @@ pub(crate) fn samples(report: &Report) -> PolarsResult<DataFrame> {
         }
     }
     df!["scenario" => columns.0, "window" => columns.1, "period" => columns.2, "error_m" => columns.3]
+}
+
+/// One row a period and direction of the windows that count, whether or not the period counts.
+pub(crate) fn packets(report: &Report) -> PolarsResult<DataFrame> {
+    struct Row<'a> {
+        scenario: &'a str,
+        window: u32,
+        period: u32,
+        topic: Topic,
+        packets: &'a PeriodTraffic,
+    }
+    let mut rows = Vec::new();
+    for (scenario, found) in &report.traffic.scenarios {
+        for window in &found.windows {
+            for direction in &window.directions {
+                rows.extend((1..).zip(&direction.periods).map(|(period, packets)| Row {
+                    scenario,
+                    window: window.window,
+                    period,
+                    topic: direction.topic,
+                    packets,
+                }));
+            }
+        }
+    }
+    fn column<'a, T>(rows: &[Row<'a>], of: impl Fn(&Row<'a>) -> T) -> Vec<T> {
+        rows.iter().map(of).collect()
+    }
+    df![
+        "scenario" => column(&rows, |row| row.scenario),
+        "window" => column(&rows, |row| row.window),
+        "period" => column(&rows, |row| row.period),
+        "topic" => column(&rows, |row| row.topic.name()),
+        "sent" => column(&rows, |row| row.packets.sent),
+        "sent_again" => column(&rows, |row| row.packets.sent_again),
+        "lost" => column(&rows, |row| row.packets.lost),
+        "overtaken" => column(&rows, |row| row.packets.overtaken),
+        "one_way_s" => column(&rows, |row| row.packets.one_way_s),
+        "round_trip_s" => column(&rows, |row| row.packets.round_trip_s),
+        "jitter_s" => column(&rows, |row| row.packets.jitter_s),
+        "longest_gap_s" => column(&rows, |row| row.packets.longest_gap_s),
+    ]
 }
 
 pub(crate) fn csv(frame: &mut DataFrame) -> PolarsResult<Vec<u8>> {

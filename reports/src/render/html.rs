@@ -2,7 +2,7 @@
 //! phone and on paper. The main function is [`render`].
 //!
 //! ```text
-//! verdict -> remarks -> matrix -> heatmap -> tables -> pairs -> windows -> trajectories -> environments -> methods
+//! verdict -> remarks -> matrix -> heatmap -> tables -> pairs -> windows -> trajectories -> packets -> environments -> methods
 //! ```
 //!
 //! Colours are named in `style.css`, so that drawings follow light and dark; nothing is said by colour alone. What a browser
@@ -10,6 +10,7 @@
 
 mod heatmap;
 mod matrix;
+mod packets;
 mod pair;
 mod plot;
 mod windows;
@@ -54,6 +55,7 @@ pub(super) fn render(report: &Report, figures: &[Figure]) -> String {
                     (section("pairs", "Pairs", &pair::draw(report)))
                     (section("windows", "Windows", &windows::draw(report)))
                     (section("trajectories", "Trajectories", &trajectories(figures)))
+                    (section("packets", "Packets", &packets::draw(report)))
                     (section("environments", "Environments", &environments(report)))
                     (section("methods", "Methods", &methods(report)))
                 }
@@ -64,13 +66,14 @@ pub(super) fn render(report: &Report, figures: &[Figure]) -> String {
     page.into_string()
 }
 
-const SECTIONS: [(&str, &str); 8] = [
+const SECTIONS: [(&str, &str); 9] = [
     ("matrix", "Matrix"),
     ("heatmap", "Comparisons"),
     ("tables", "Tables"),
     ("pairs", "Pairs"),
     ("windows", "Windows"),
     ("trajectories", "Trajectories"),
+    ("packets", "Packets"),
     ("environments", "Environments"),
     ("methods", "Methods"),
 ];
@@ -190,7 +193,8 @@ fn methods(report: &Report) -> Markup {
         p { (prose(&report.method())) }
         p {
             "The numbers behind every drawing: " code { "comparisons.csv" } " (each test of two windows), "
-            code { "contrasts.csv" } " (each pair of scenarios), " code { "samples.csv" } " (each period's error), and all of it in "
+            code { "contrasts.csv" } " (each pair of scenarios), " code { "samples.csv" } " (each period's error), "
+            code { "packets.csv" } " (what became of each period's packets), and all of it in "
             code { "report.json" } ", beside this file. docs/statistics.md of matrix has formulas and sources."
         }
     }

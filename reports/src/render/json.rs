@@ -3,11 +3,12 @@
 use serde_json::{Value, json};
 
 use crate::{
-    comparison::Comparison,
+    comparison::{Comparison, Tally},
     contrast::Contrast,
     effect::{Effect, Estimate},
     health::Health,
     report::{Report, ScenarioReport, Standing},
+    traffic::{DirectionTraffic, Explanation, Factor, ScenarioTraffic, Spread, TrafficTally},
     within::WithinWindows,
 };
 
@@ -43,6 +44,9 @@ pub(super) fn render(report: &Report) -> Value {
             .collect::<Vec<_>>(),
         "family": family(report),
         "contrasts": report.contrasts.pairs.iter().map(|pair| contrast(report, pair)).collect::<Vec<_>>(),
+        "packets": report.traffic.scenarios.iter().map(packets).collect::<Vec<_>>(),
+        "packet_counts": report.traffic_tallies.iter().flat_map(packet_counts).collect::<Vec<_>>(),
+        "packet_explanations": report.explanations.iter().map(explanation).collect::<Vec<_>>(),
         "comparisons": report.comparisons.iter().map(comparison).collect::<Vec<_>>(),
     })
 }
@@ -193,5 +197,84 @@ fn estimate(estimate: &Estimate) -> Value {
         "low": estimate.interval.map(|interval| interval.low),
         "high": estimate.interval.map(|interval| interval.high),
         "confidence": estimate.interval.map(|interval| interval.confidence),
+    })
+}
+
+/// The packets of a scenario's windows.
+fn packets((id, found): (&String, &ScenarioTraffic)) -> Value {
+    let windows = found.windows.iter().map(|window| {
+        json!({
+            "window": window.window,
+            "dropped": window.dropped,
+            "directions": window.directions.iter().map(direction).collect::<Vec<_>>(),
+        })
+    });
+    let unreadable = found.unreadable.iter();
+    json!({
+        "id": id,
+        "windows": windows.collect::<Vec<_>>(),
+        "unreadable": unreadable
+            .map(|(window, reason)| json!({"window": window, "reason": reason}))
+            .collect::<Vec<_>>(),
+    })
+}
+
+fn direction(direction: &DirectionTraffic) -> Value {
+    json!({
+        "topic": direction.topic.name(),
+        "sent": direction.total(|period| period.sent),
+        "sent_again": direction.total(|period| period.sent_again),
+        "lost": direction.total(|period| period.lost),
+        "overtaken": direction.total(|period| period.overtaken),
+        "strays": direction.strays,
+        "one_way": direction.one_way.as_ref().map(spread),
+        "round_trip": direction.round_trip.as_ref().map(spread),
+        "jitter": direction.jitter.as_ref().map(spread),
+        "gap": direction.gap.as_ref().map(spread),
+    })
+}
+
+fn spread(spread: &Spread) -> Value {
+    json!({
+        "count": spread.count,
+        "mean_s": spread.mean_s,
+        "min_s": spread.min_s,
+        "median_s": spread.median_s(),
+        "p99_s": spread.p99_s(),
+        "max_s": spread.max_s,
+    })
+}
+
+fn packet_counts(one: &TrafficTally) -> Vec<Value> {
+    let count = |tally: &Tally| {
+        json!({
+            "topic": one.topic.name(),
+            "quantity": one.quantity.name(),
+            "a": tally.a,
+            "b": tally.b,
+            "pairs": tally.pairs,
+            "rejected": tally.rejected,
+        })
+    };
+    one.tallies.iter().map(count).collect()
+}
+
+fn explanation(one: &Explanation) -> Value {
+    let factor = |factor: &Factor| {
+        json!({
+            "topic": factor.topic.name(),
+            "quantity": factor.quantity.name(),
+            "unit": if factor.quantity.is_time() { "s" } else { "packets a period" },
+            "difference": factor.difference,
+            "correlation": factor.correlation,
+            "slope_m": factor.slope_m,
+            "part_m": estimate(&factor.part_m),
+        })
+    };
+    json!({
+        "a": one.a,
+        "b": one.b,
+        "shift_m": one.shift_m,
+        "factors": one.factors.iter().map(factor).collect::<Vec<_>>(),
     })
 }

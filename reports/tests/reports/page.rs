@@ -1,6 +1,6 @@
 //! The report as one page.
 
-use reports::{analyse, figure, run_directory::Outcome};
+use reports::{analyse, figure, run_directory::Outcome, traffic::Traffic};
 
 use crate::{
     synthetic::{Scenario, Synthetic},
@@ -10,7 +10,7 @@ use crate::{
 fn page(scenarios: &[Scenario]) -> String {
     let synthetic = Synthetic::new(scenarios);
     let run = reports::load(synthetic.directory.path()).unwrap();
-    let report = analyse(&run, &run.manifest.report);
+    let report = analyse(&run, Traffic::default(), &run.manifest.report);
     report.html(&figure::draw(&run, &report).unwrap())
 }
 
@@ -45,7 +45,7 @@ fn it_needs_nothing_from_elsewhere() {
 fn every_table_and_scenario_and_remark_is_in_it() {
     let synthetic = Synthetic::new(&nine());
     let run = reports::load(synthetic.directory.path()).unwrap();
-    let report = analyse(&run, &run.manifest.report);
+    let report = analyse(&run, Traffic::default(), &run.manifest.report);
     let page = report.html(&[]);
     let escaped = |text: &str| {
         text.replace('&', "&amp;")

@@ -4,6 +4,7 @@ use reports::{
     Report, analyse,
     run_directory::{EnvironmentRecord, Event, Outcome},
     settings::{Metric, ReportSettings},
+    traffic::Traffic,
 };
 use serde_json::json;
 use workload::record::window::{ReleaseRecord, Verdict};
@@ -35,7 +36,7 @@ pub fn nine() -> Vec<Scenario> {
 
 fn report_of(synthetic: &Synthetic) -> Report {
     let run = reports::load(synthetic.directory.path()).unwrap();
-    analyse(&run, &run.manifest.report)
+    analyse(&run, Traffic::default(), &run.manifest.report)
 }
 
 #[test]
@@ -100,14 +101,17 @@ fn the_first_period_of_a_run_is_left_out_and_of_its_other_windows_not() {
     };
     let run = reports::load(synthetic.directory.path()).unwrap();
     assert_eq!(
-        sizes(&analyse(&run, &ReportSettings::default())),
+        sizes(&analyse(&run, Traffic::default(), &ReportSettings::default())),
         [29, 30, 30, 30]
     );
     let settings = ReportSettings {
         discard_periods: 3,
         ..ReportSettings::default()
     };
-    assert_eq!(sizes(&analyse(&run, &settings)), [27, 30, 30, 30]);
+    assert_eq!(
+        sizes(&analyse(&run, Traffic::default(), &settings)),
+        [27, 30, 30, 30]
+    );
 }
 
 #[test]
@@ -119,7 +123,7 @@ fn each_metric_is_what_its_name_says() {
             metric,
             ..ReportSettings::default()
         };
-        analyse(&run, &settings).samples[0].errors_m[0]
+        analyse(&run, Traffic::default(), &settings).samples[0].errors_m[0]
     };
     let x = first(Metric::MeanAbsX);
     assert!((0.09..0.11).contains(&x), "{x}");
@@ -244,7 +248,7 @@ fn windows_too_short_to_be_told_apart_are_said_to_be() {
         alpha: 1e-30,
         ..ReportSettings::default()
     };
-    let report = analyse(&run, &settings);
+    let report = analyse(&run, Traffic::default(), &settings);
     assert!(
         report.remarks[0].contains("such windows are never told apart"),
         "{:?}",

@@ -3,7 +3,7 @@
 use std::{collections::BTreeMap, fs, path::Path};
 
 use polars::prelude::{ParquetReader, SerReader};
-use reports::{analyse, settings::ReportSettings};
+use reports::{analyse, settings::ReportSettings, traffic::Traffic};
 
 use crate::synthetic::{Scenario, Synthetic};
 
@@ -17,7 +17,7 @@ fn two_scenarios() -> Synthetic {
 
 fn write(synthetic: &Synthetic, settings: &ReportSettings) {
     let run = reports::load(synthetic.directory.path()).unwrap();
-    reports::write(&run, &analyse(&run, settings)).unwrap();
+    reports::write(&run, &analyse(&run, Traffic::default(), settings)).unwrap();
 }
 
 /// Every file below a folder, with its content.
@@ -59,6 +59,8 @@ fn a_report_is_written_whole_and_nothing_else_is_touched() {
             "report/figures/cdf-a-b.svg",
             "report/figures/trajectory-a.svg",
             "report/figures/trajectory-b.svg",
+            "report/packets.csv",
+            "report/packets.parquet",
             "report/report.html",
             "report/report.json",
             "report/samples.csv",
@@ -99,7 +101,7 @@ fn figures_of_an_earlier_report_are_removed_and_other_files_are_not() {
     );
     let run = reports::load(synthetic.directory.path()).unwrap();
     assert_eq!(
-        analyse(&run, &settings).remarks,
+        analyse(&run, Traffic::default(), &settings).remarks,
         ["`report.figures` names `nowhere`, which is no scenario's letter or slug."]
     );
 }
@@ -173,7 +175,7 @@ fn a_report_that_cannot_be_written_says_where() {
     let synthetic = two_scenarios();
     fs::write(synthetic.directory.report(), "a file where the folder belongs").unwrap();
     let run = reports::load(synthetic.directory.path()).unwrap();
-    let error = reports::write(&run, &analyse(&run, &run.manifest.report)).unwrap_err();
+    let error = reports::write(&run, &analyse(&run, Traffic::default(), &run.manifest.report)).unwrap_err();
     assert!(
         error.to_string().ends_with("report/figures cannot be written"),
         "{error}"

@@ -5,12 +5,11 @@ use std::path::{Path, PathBuf};
 
 use workload::{record::window::WindowRecord, virtual_host::VirtualHost};
 
-use super::frames::Topic;
-use crate::packets::{CaptureFault, CaptureFile, CaptureReadError, Packet};
+use super::{CaptureFault, CaptureFile, CaptureReadError, Packet, Topic};
 
 /// A window whose captures are read.
 #[derive(Debug, Clone, PartialEq)]
-pub(super) struct CapturedWindow {
+pub(crate) struct CapturedWindow {
     /// Its folder.
     pub folder: PathBuf,
     /// What it says of itself.
@@ -40,7 +39,7 @@ impl CapturedWindow {
 
 /// Windows without a gap.
 #[derive(Debug, Clone, PartialEq)]
-pub(super) struct Stretch {
+pub(crate) struct Stretch {
     pub windows: Vec<CapturedWindow>,
 }
 
@@ -66,8 +65,31 @@ impl Stretch {
         stretches
     }
 
+    /// Gives each packet of the controller's and the plant's captures to `take`, in the order of their stamps.
+    ///
+    /// # Errors
+    /// If a capture cannot be read or is not as long as its record says, and what `take` fails with.
+    pub fn read<E: From<CaptureReadError>>(
+        &self,
+        mut take: impl FnMut(VirtualHost, &Packet<'_>) -> Result<(), E>,
+    ) -> Result<(), E> {
+        let mut sources = Topic::ALL.map(|topic| (topic.sender(), self.packets(topic.sender())));
+        for (_, packets) in &mut sources {
+            packets.advance()?;
+        }
+        while let Some((host, packets)) = sources
+            .iter_mut()
+            .min_by_key(|(_, packets)| packets.stamp_unix_ns())
+            && let Some(packet) = packets.packet()
+        {
+            take(*host, &packet)?;
+            packets.advance()?;
+        }
+        Ok(())
+    }
+
     /// The packets of a host.
-    pub fn packets(&self, host: VirtualHost) -> HostPackets {
+    fn packets(&self, host: VirtualHost) -> HostPackets {
         let files: Vec<_> = self
             .windows
             .iter()
@@ -90,24 +112,44 @@ impl Stretch {
     /// A capture's stamp on the experiment's clock. The wall clock that captures are stamped with may be slewed: within
     /// a window it is taken to have gone evenly.
     pub fn on_experiments_clock(&self, unix_ns: i64) -> Option<i64> {
+        let (window, since_ns) = self.place_of(unix_ns)?;
+        Some(self.windows.get(window)?.record.started_ns + since_ns)
+    }
+
+    /// The window that a capture's stamp is in, as an index, and how long after its beginning on the experiment's clock; what
+    /// is before the first or after the last is theirs.
+    pub fn place_of(&self, unix_ns: i64) -> Option<(usize, i64)> {
         let after = self
             .windows
             .partition_point(|window| window.record.started_unix_ns <= unix_ns);
-        let record = &self.windows.get(after.saturating_sub(1))?.record;
-        let [began, ended] = [
-            record.started_unix_ns - record.started_ns,
-            record.ended_unix_ns - record.ended_ns,
-        ];
-        let length = (record.ended_unix_ns - record.started_unix_ns).max(1);
-        let share = (unix_ns - record.started_unix_ns) as f64 / length as f64;
-        let slewed = (ended - began) as f64 * share.clamp(0.0, 1.0);
-        Some(unix_ns - began - slewed.round() as i64)
+        let window = after.saturating_sub(1);
+        let record = &self.windows.get(window)?.record;
+        let since_ns = unix_ns - record.started_unix_ns;
+        let length = record.ended_unix_ns - record.started_unix_ns;
+        let slewed = (length - (record.ended_ns - record.started_ns)) as f64;
+        let share = since_ns as f64 / length.max(1) as f64;
+        Some((window, since_ns - (slewed * share.clamp(0.0, 1.0)).round() as i64))
+    }
+
+    /// The windows before and after the one that has this capture.
+    pub fn without(mut self, capture: &Path) -> [Option<Self>; 2] {
+        let is_it = |window: &CapturedWindow| Some(window.folder.as_path()) == capture.parent();
+        let at = self.windows.iter().position(is_it).unwrap_or(self.windows.len());
+        let after = self.windows.split_off((at + 1).min(self.windows.len()));
+        self.windows.truncate(at);
+        [self.windows, after].map(|windows| (!windows.is_empty()).then_some(Self { windows }))
+    }
+
+    /// The number of the window that has this capture.
+    pub fn window_of(&self, capture: &Path) -> Option<u32> {
+        let is_it = |window: &&CapturedWindow| Some(window.folder.as_path()) == capture.parent();
+        Some(self.windows.iter().find(is_it)?.record.window)
     }
 }
 
 /// The packets of one host, file after file.
 #[derive(Debug)]
-pub(super) struct HostPackets {
+struct HostPackets {
     files: std::vec::IntoIter<(PathBuf, u64)>,
     open: Option<CaptureFile>,
 }
@@ -117,7 +159,7 @@ impl HostPackets {
     ///
     /// # Errors
     /// If a file cannot be read, or is not as long as its record says.
-    pub fn advance(&mut self) -> Result<bool, CaptureReadError> {
+    fn advance(&mut self) -> Result<bool, CaptureReadError> {
         loop {
             if let Some(open) = &mut self.open
                 && open.advance()?
@@ -135,12 +177,12 @@ impl HostPackets {
     }
 
     /// The current packet; none after the last one.
-    pub fn packet(&self) -> Option<Packet<'_>> {
+    fn packet(&self) -> Option<Packet<'_>> {
         self.open.as_ref().and_then(CaptureFile::packet)
     }
 
     /// Its stamp; later than all when there is none.
-    pub fn stamp_unix_ns(&self) -> i64 {
+    fn stamp_unix_ns(&self) -> i64 {
         self.packet().map_or(i64::MAX, |packet| packet.stamp_unix_ns)
     }
 }
