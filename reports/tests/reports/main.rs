@@ -9,6 +9,7 @@
 mod bad_input;
 mod fixture;
 mod page;
+mod recorded;
 mod synthetic;
 mod tables;
 mod written;

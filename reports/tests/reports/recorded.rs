@@ -1,0 +1,282 @@
+//! A run that was recorded with captures: every file of its report against the stored one, and its packets against those that
+//! tshark sees.
+
+use std::{
+    collections::{BTreeMap, HashMap},
+    fs,
+    path::{Path, PathBuf},
+    process::Command,
+};
+
+use reports::{
+    analyse,
+    packets::Topic,
+    run_directory::RunDirectory,
+    traffic::{self, Traffic, WindowTraffic},
+};
+use tempfile::TempDir;
+
+/// Its text files; Parquet has the numbers of the CSV files, and PDF the drawings of the SVG files.
+const TEXTS: [&str; 6] = ["csv", "html", "json", "md", "svg", "tex"];
+
+fn recorded() -> PathBuf {
+    PathBuf::from(concat!(env!("CARGO_MANIFEST_DIR"), "/../tests/fixtures/recorded"))
+}
+
+/// A copy that a test may write to.
+fn copy() -> (TempDir, RunDirectory) {
+    let folder = tempfile::tempdir().unwrap();
+    let to = folder.path().join("recorded");
+    copy_tree(&recorded(), &to);
+    (folder, RunDirectory::new(to))
+}
+
+fn copy_tree(from: &Path, to: &Path) {
+    fs::create_dir(to).unwrap();
+    for entry in fs::read_dir(from).unwrap() {
+        let entry = entry.unwrap();
+        let target = to.join(entry.file_name());
+        if entry.path().is_dir() {
+            copy_tree(&entry.path(), &target);
+        } else {
+            fs::copy(entry.path(), target).unwrap();
+        }
+    }
+}
+
+fn traffic_of(directory: &RunDirectory) -> Traffic {
+    traffic::read(&reports::load(directory.path()).unwrap())
+}
+
+/// Numbers with more than nine digits brought to nine: the last ones are those of a machine's library of mathematics.
+fn to_nine_digits(text: &str) -> String {
+    let mut rounded = String::with_capacity(text.len());
+    let mut rest = text;
+    while let Some(begin) = rest.find(|it: char| it.is_ascii_digit()) {
+        let (before, from) = rest.split_at(begin);
+        let end = from
+            .find(|it: char| !(it.is_ascii_digit() || it == '.'))
+            .unwrap_or(from.len());
+        let (number, after) = from.split_at(end);
+        rounded.push_str(before);
+        let digits = number.trim_start_matches(['0', '.']).len();
+        match number.parse::<f64>() {
+            Ok(value) if number.contains('.') && digits > 10 && value > 0.0 => {
+                let places = (8 - value.log10().floor() as i32).max(0) as usize;
+                rounded.push_str(&format!("{value:.places$}"));
+            }
+            _ => rounded.push_str(number),
+        }
+        rest = after;
+    }
+    rounded + rest
+}
+
+#[test]
+fn every_table_and_figure_is_the_stored_one() {
+    let (_folder, directory) = copy();
+    let run = reports::load(directory.path()).unwrap();
+    let report = analyse(&run, traffic::read(&run), &run.manifest.report);
+    reports::write(&run, &report).unwrap();
+    let mut names = Vec::new();
+    for folder in [directory.report(), directory.report().join("figures")] {
+        for entry in fs::read_dir(folder).unwrap() {
+            let path = entry.unwrap().path();
+            let name = path
+                .strip_prefix(directory.report())
+                .unwrap()
+                .display()
+                .to_string();
+            if path
+                .extension()
+                .is_some_and(|it| TEXTS.iter().any(|text| it == *text))
+            {
+                let text = to_nine_digits(&fs::read_to_string(&path).unwrap());
+                insta::with_settings!({omit_expression => true, prepend_module_to_snapshot => true}, {
+                    insta::assert_snapshot!(name.replace('/', "-"), text);
+                });
+            }
+            names.push(name);
+        }
+    }
+    names.sort_unstable();
+    insta::assert_snapshot!("files", names.join("\n"));
+}
+
+/// What tshark says of a packet with data.
+#[derive(Debug)]
+struct Seen {
+    at_s: f64,
+    source: String,
+    is_again: bool,
+}
+
+/// The packets with data in a capture, by what tells them apart.
+fn seen_by_tshark(capture: &Path) -> HashMap<[String; 3], Seen> {
+    let fields = [
+        "ip.id",
+        "tcp.seq_raw",
+        "tcp.options.timestamp.tsval",
+        "frame.time_epoch",
+        "ip.src",
+        "tcp.analysis.retransmission",
+        "tcp.analysis.out_of_order",
+        "tcp.analysis.fast_retransmission",
+    ];
+    let mut command = Command::new("tshark");
+    command
+        .arg("-r")
+        .arg(capture)
+        .args(["-Y", "tcp.len > 0", "-T", "fields"]);
+    fields.iter().for_each(|field| {
+        command.args(["-e", field]);
+    });
+    let output = command.output().expect("tests/prepare installs tshark");
+    assert!(
+        output.status.success(),
+        "{}",
+        String::from_utf8_lossy(&output.stderr)
+    );
+    let text = String::from_utf8(output.stdout).unwrap();
+    let packet = |line: &str| {
+        let [id, sequence, clock, at, source, again @ ..] = &*line.split('\t').collect::<Vec<_>>() else {
+            panic!("{line}");
+        };
+        let seen = Seen {
+            at_s: at.parse().unwrap(),
+            source: (*source).to_owned(),
+            is_again: again.iter().any(|flag| !flag.is_empty()),
+        };
+        ([id, sequence, clock].map(|it| (*it).to_owned()), seen)
+    };
+    text.lines().map(packet).collect()
+}
+
+#[test]
+fn the_packets_are_those_that_tshark_sees() {
+    let (_folder, directory) = copy();
+    let run = reports::load(directory.path()).unwrap();
+    let found = traffic::read(&run);
+    let mut compared = 0;
+    for scenario in &run.scenarios {
+        let Some(of_it) = found.scenarios.get(&scenario.planned.id) else {
+            continue;
+        };
+        for ((number, record, _), traffic) in scenario.counted().zip(&of_it.windows) {
+            // The files of the first window begin before it does, and packets cross from one into the next.
+            let [began_s, ended_s] = [record.started_unix_ns, record.ended_unix_ns].map(|ns| ns as f64 / 1e9);
+            let folder = directory.window(&scenario.planned.slug, number);
+            for topic in Topic::ALL {
+                let [sent, arrived] = [topic.sender(), topic.receiver()]
+                    .map(|host| seen_by_tshark(&folder.join(format!("{host}.pcap.zst"))));
+                let from_it = sent
+                    .iter()
+                    .filter(|(_, seen)| seen.source == topic.sender().address().to_string());
+                let within: Vec<_> = from_it
+                    .filter(|(_, seen)| (began_s..ended_s).contains(&seen.at_s))
+                    .collect();
+                compare(traffic, topic, &within, &arrived, ended_s);
+                compared += 1;
+            }
+        }
+    }
+    assert_eq!(compared, 12, "two scenarios, three windows, two directions");
+}
+
+fn compare(
+    found: &WindowTraffic,
+    topic: Topic,
+    sent: &[(&[String; 3], &Seen)],
+    arrived: &HashMap<[String; 3], Seen>,
+    ended_s: f64,
+) {
+    let direction = found.direction(topic);
+    assert_eq!(direction.total(|period| period.sent), sent.len() as u64);
+    let again = sent.iter().filter(|(_, seen)| seen.is_again).count() as u64;
+    assert_eq!(direction.total(|period| period.sent_again), again);
+    // What was sent just before the end is in the next window's file.
+    let settled = sent.iter().filter(|(_, seen)| seen.at_s < ended_s - 1.0);
+    let (there, gone): (Vec<_>, Vec<_>) = settled.copied().partition(|(key, _)| arrived.contains_key(*key));
+    let late = sent.len() - there.len() - gone.len();
+    let lost = direction.total(|period| period.lost);
+    assert!(
+        (gone.len() as u64..=(gone.len() + late) as u64).contains(&lost),
+        "{lost} {}",
+        gone.len()
+    );
+    // Mean delays, over what has arrived within the file: the same up to the packets at its end.
+    let delays: Vec<f64> = sent
+        .iter()
+        .filter_map(|(key, seen)| Some(arrived.get(*key)?.at_s - seen.at_s))
+        .collect();
+    let spread = direction.one_way.as_ref().unwrap();
+    let shortest_s = delays.iter().copied().fold(f64::INFINITY, f64::min);
+    assert!(
+        (spread.min_s - shortest_s).abs() < 1e-6,
+        "{} {shortest_s}",
+        spread.min_s
+    );
+    assert!(
+        spread.count.abs_diff(delays.len() as u64) <= 3,
+        "{} {}",
+        spread.count,
+        delays.len()
+    );
+    let mean_s = delays.iter().sum::<f64>() / delays.len() as f64;
+    assert!(
+        (spread.mean_s - mean_s).abs() < 2e-5,
+        "{} {mean_s}",
+        spread.mean_s
+    );
+}
+
+#[test]
+fn a_truncated_capture_takes_its_window_out_and_no_other() {
+    let (_folder, directory) = copy();
+    let slug = "x86-64-debian-12-native";
+    let capture = directory.window(slug, 2).join("sta1.pcap.zst");
+    let bytes = fs::read(&capture).unwrap();
+    fs::write(&capture, &bytes[..bytes.len() / 2]).unwrap();
+    let run = reports::load(directory.path()).unwrap();
+    let report = analyse(&run, traffic::read(&run), &run.manifest.report);
+    let windows: BTreeMap<&str, Vec<u32>> = report
+        .traffic
+        .scenarios
+        .iter()
+        .map(|(id, found)| {
+            (
+                id.as_str(),
+                found.windows.iter().map(|window| window.window).collect(),
+            )
+        })
+        .collect();
+    assert_eq!(windows, BTreeMap::from([("a", vec![1, 3]), ("b", vec![1, 2, 3])]));
+    let remark = report
+        .remarks
+        .iter()
+        .find(|remark| remark.contains("window 2"))
+        .unwrap();
+    assert!(
+        remark.contains("sta1.pcap.zst") && remark.contains("bytes"),
+        "{remark}"
+    );
+}
+
+#[test]
+fn packets_are_the_same_whether_or_not_a_window_before_can_be_read() {
+    let (_folder, directory) = copy();
+    let whole = traffic_of(&directory);
+    let capture = directory
+        .window("x86-64-debian-12-native", 1)
+        .join("sta2.pcap.zst");
+    fs::remove_file(&capture).unwrap();
+    let without = traffic_of(&directory);
+    assert_eq!(without.scenarios["b"], whole.scenarios["b"]);
+    let [of_whole, of_without] =
+        [&whole, &without].map(|traffic| traffic.scenarios["a"].windows.last().unwrap());
+    assert_eq!(
+        of_without, of_whole,
+        "the third window is not the broken one's neighbour"
+    );
+    assert_eq!(without.scenarios["a"].unreadable[0].0, 1);
+}
