@@ -139,15 +139,13 @@ fn seen_by_tshark(capture: &Path) -> HashMap<[String; 3], Seen> {
     );
     let text = String::from_utf8(output.stdout).unwrap();
     let packet = |line: &str| {
-        let [id, sequence, clock, at, source, again @ ..] = &*line.split('\t').collect::<Vec<_>>() else {
-            panic!("{line}");
-        };
+        let columns: Vec<&str> = line.split('\t').collect();
         let seen = Seen {
-            at_s: at.parse().unwrap(),
-            source: (*source).to_owned(),
-            is_again: again.iter().any(|flag| !flag.is_empty()),
+            at_s: columns[3].parse().unwrap(),
+            source: columns[4].to_owned(),
+            is_again: columns[5..].iter().any(|flag| !flag.is_empty()),
         };
-        ([id, sequence, clock].map(|it| (*it).to_owned()), seen)
+        ([0, 1, 2].map(|key| columns[key].to_owned()), seen)
     };
     text.lines().map(packet).collect()
 }
