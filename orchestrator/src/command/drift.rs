@@ -155,7 +155,7 @@ fn nights(runs: &[PathBuf]) -> Result<Vec<Night>, Complaint> {
     runs.iter()
         .map(|path| {
             let run = reports::load(path).map_err(|error| unreadable(&error))?;
-            Night::of(&run).map_err(|error| unreadable(&error))
+            Night::of(&run, &reports::traffic::read(&run)).map_err(|error| unreadable(&error))
         })
         .collect()
 }

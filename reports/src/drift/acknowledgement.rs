@@ -250,7 +250,7 @@ mod tests {
 
     #[rstest]
     #[case(Acknowledgement { expires: "soon".to_owned(), ..known() }, "write it as 2027-03-01")]
-    #[case(Acknowledgement { metric: "speed".to_owned(), ..known() }, "none of error, state-age, lateness, provisioning")]
+    #[case(Acknowledgement { metric: "speed".to_owned(), ..known() }, "none of error, state-age, packet-delay, lateness, provisioning")]
     #[case(Acknowledgement { person: " ".to_owned(), ..known() }, "no reason or no person")]
     fn a_wrong_one_is_told(#[case] wrong: Acknowledgement, #[case] says: &str) {
         let all = Acknowledgements {

@@ -10,6 +10,7 @@ use crate::{
     run::{Ending, Run, ScenarioRun, WindowState},
     run_directory::{EnvironmentRecord, Event, Journal, ReadError},
     sample::samples,
+    traffic::{Traffic, WindowTraffic},
 };
 
 /// What is followed.
@@ -19,6 +20,8 @@ pub enum Metric {
     TrackingError,
     /// How old the state was when the controller used it, the mean of a window, in seconds: what network and ROS take.
     StateAge,
+    /// How long packets were under way, the mean of a window's in both directions, in seconds: what the network takes.
+    PacketDelay,
     /// How late the controller's steps began, 99 % of a window's, in seconds.
     Lateness,
     /// How long it took to make an environment, in seconds.
@@ -27,9 +30,10 @@ pub enum Metric {
 
 impl Metric {
     /// All of them.
-    pub const ALL: [Self; 4] = [
+    pub const ALL: [Self; 5] = [
         Self::TrackingError,
         Self::StateAge,
+        Self::PacketDelay,
         Self::Lateness,
         Self::Provisioning,
     ];
@@ -40,6 +44,7 @@ impl Metric {
         match self {
             Self::TrackingError => "error",
             Self::StateAge => "state-age",
+            Self::PacketDelay => "packet-delay",
             Self::Lateness => "lateness",
             Self::Provisioning => "provisioning",
         }
@@ -50,7 +55,7 @@ impl Metric {
     pub fn text(self, value: f64) -> String {
         match self {
             Self::TrackingError => format!("{:.3} mm", value * 1e3),
-            Self::StateAge | Self::Lateness => format!("{:.3} ms", value * 1e3),
+            Self::StateAge | Self::PacketDelay | Self::Lateness => format!("{:.3} ms", value * 1e3),
             Self::Provisioning => format!("{value:.3} s"),
         }
     }
@@ -60,7 +65,7 @@ impl Metric {
     pub const fn unit(self) -> &'static str {
         match self {
             Self::TrackingError => "m",
-            Self::StateAge | Self::Lateness | Self::Provisioning => "s",
+            Self::StateAge | Self::PacketDelay | Self::Lateness | Self::Provisioning => "s",
         }
     }
 }
@@ -113,11 +118,11 @@ impl Measured {
 }
 
 impl Night {
-    /// That of a run, in the metric that its own settings ask for.
+    /// That of a run and its packets, in the metric that its own settings ask for.
     ///
     /// # Errors
     /// When its journal cannot be read.
-    pub fn of(run: &Run) -> Result<Self, ReadError> {
+    pub fn of(run: &Run, traffic: &Traffic) -> Result<Self, ReadError> {
         let settings = &run.manifest.report;
         let samples = samples(run, settings);
         let provisioning = provisioning(&Journal::read(&run.directory.journal())?);
@@ -135,6 +140,12 @@ impl Night {
                 let late_s = record.controller.lateness_p99_ns as f64 / 1e9;
                 values.entry(Metric::Lateness).or_default().push(late_s);
             }
+            let packets = traffic.scenarios.get(&planned.id);
+            let delays = packets
+                .iter()
+                .flat_map(|found| &found.windows)
+                .filter_map(delay_s);
+            values.insert(Metric::PacketDelay, delays.collect());
             let made = provisioning.get(&planned.slug).cloned().unwrap_or_default();
             values.insert(Metric::Provisioning, made);
             scenarios.insert(
@@ -194,6 +205,18 @@ fn lack(scenario: &ScenarioRun) -> Lack {
         } => format!("{}: {reason}", outcome.name()),
         Ending::Ended { outcome, .. } => format!("{}, and no window counts", outcome.name()),
     })
+}
+
+/// The mean delay of all packets of a window, in seconds.
+fn delay_s(window: &WindowTraffic) -> Option<f64> {
+    let spreads = window
+        .directions
+        .iter()
+        .filter_map(|direction| direction.one_way.as_ref());
+    let (sum, count) = spreads.fold((0.0, 0), |(sum, count), spread| {
+        (sum + spread.mean_s * spread.count as f64, count + spread.count)
+    });
+    (count > 0).then(|| sum / count as f64)
 }
 
 /// How long each environment took to be made, in seconds, by scenario.

@@ -10,6 +10,7 @@ use std::{
 
 use reports::{
     analyse,
+    drift::{Metric, Night},
     packets::Topic,
     run_directory::RunDirectory,
     traffic::{self, Traffic, WindowTraffic},
@@ -225,6 +226,22 @@ fn compare(
         (spread.mean_s - mean_s).abs() < 2e-5,
         "{} {mean_s}",
         spread.mean_s
+    );
+}
+
+#[test]
+fn a_night_has_the_delays_of_its_packets() {
+    let (_folder, directory) = copy();
+    let run = reports::load(directory.path()).unwrap();
+    let night = Night::of(&run, &traffic::read(&run)).unwrap();
+    let measured = &night.scenarios["x86-64-debian-12-native"];
+    let delay_s = measured.level(Metric::PacketDelay).unwrap();
+    // Two links of 10 ms, and the time that 300 bytes take on two of 10 Mbit/s.
+    assert!((0.0200..0.0215).contains(&delay_s), "{delay_s}");
+    let without = Night::of(&run, &Traffic::default()).unwrap();
+    assert_eq!(
+        without.scenarios["x86-64-debian-12-native"].level(Metric::PacketDelay),
+        None
     );
 }
 
