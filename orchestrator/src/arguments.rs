@@ -5,8 +5,8 @@ use clap::{Args, Parser, Subcommand};
 use crate::command::{
     check::CheckArguments, clean::CleanArguments, completions::CompletionsArguments, doctor::DoctorArguments,
     drift::DriftArguments, ks::KsArguments, messages::MessagesArguments, plan::PlanArguments,
-    report::ReportArguments, resume::ResumeArguments, run::RunArguments, selftest::SelftestArguments,
-    shell::ShellArguments, status::StatusArguments,
+    report::ReportArguments, resume::ResumeArguments, run::RunArguments, schema::SchemaArguments,
+    selftest::SelftestArguments, shell::ShellArguments, status::StatusArguments,
 };
 use crate::plan::order::Order;
 
@@ -60,8 +60,8 @@ pub enum Command {
     Clean(CleanArguments),
     /// Say what this machine can do, what is missing and how to get it.
     Doctor(DoctorArguments),
-    /// Print the JSON Schema of matrix files.
-    Schema,
+    /// Print the JSON Schema of matrix files, or of `drift.yaml`.
+    Schema(SchemaArguments),
     /// Print a shell's completions.
     Completions(CompletionsArguments),
 }
@@ -83,7 +83,7 @@ impl Command {
             Self::Ks(arguments) => arguments.output,
             Self::Clean(arguments) => arguments.output,
             Self::Doctor(arguments) => arguments.output,
-            Self::Schema | Self::Completions(_) | Self::Shell(_) => OutputArguments::default(),
+            Self::Schema(_) | Self::Completions(_) | Self::Shell(_) => OutputArguments::default(),
         };
         output.json
     }

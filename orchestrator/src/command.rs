@@ -37,7 +37,7 @@ pub async fn execute(command: &Command) -> Result<Exit, Complaint> {
         Command::Shell(arguments) => shell::execute(arguments).await,
         Command::Clean(arguments) => clean::execute(arguments).await,
         Command::Doctor(arguments) => doctor::execute(arguments).await,
-        Command::Schema => Ok(schema::execute()),
+        Command::Schema(arguments) => Ok(schema::execute(arguments)),
         Command::Completions(arguments) => Ok(completions::execute(arguments)),
     }
 }

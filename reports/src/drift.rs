@@ -16,6 +16,7 @@ pub mod baseline;
 mod change_point;
 pub mod history;
 pub mod night;
+mod prediction;
 mod render;
 mod series;
 mod trend;
@@ -23,9 +24,12 @@ mod trend;
 #[cfg(test)]
 mod tests;
 
+#[cfg(feature = "schema")]
+pub use acknowledgement::schema;
 pub use acknowledgement::{Acknowledgement, Acknowledgements, Baseline};
 pub use change_point::{ChangePoint, Search, Statistic, change_points};
 pub use night::{Lack, Metric, Night};
+pub use prediction::Prediction;
 pub use series::{Cause, Series, series_of};
 pub use trend::Trend;
 

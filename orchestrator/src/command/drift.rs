@@ -71,33 +71,35 @@ const KNOWN: &str = "drift.yaml";
 pub fn execute(arguments: &DriftArguments) -> Result<Exit, Complaint> {
     // Reading a year of runs takes a while.
     let begun = SystemTime::now();
-    let settings = |newest: Option<&Night>, acknowledgements| Settings {
+    let (nights, judge, beside): (_, fn(&[Night], &Settings) -> Drift, _) = match &arguments.history {
+        Some(history) => {
+            let beside = Some(history.join(KNOWN)).filter(|path| path.exists());
+            (
+                in_order(nights(&runs_in(history)?)?),
+                drift::history::judge,
+                beside,
+            )
+        }
+        None => {
+            let mut nights = in_order(nights(&arguments.baseline)?);
+            nights.extend(self::nights(arguments.candidate.as_slice())?);
+            (nights, drift::baseline::judge, None)
+        }
+    };
+    let newest = nights.last();
+    let settings = Settings {
         alpha: arguments.alpha,
         matters_m: match arguments.matters {
             Some(matters) => Some(matters.metres()),
             None => newest.and_then(|night| night.matters_m),
         },
-        acknowledgements,
+        acknowledgements: known(arguments.acknowledged.as_ref().or(beside.as_ref()))?,
         ..Settings::default()
     };
-    let (newest, found) = match (&arguments.history, &arguments.candidate) {
-        (Some(history), _) => {
-            let nights = in_order(nights(&runs_in(history)?)?);
-            let beside = Some(history.join(KNOWN)).filter(|path| path.exists());
-            let known = known(arguments.acknowledged.as_ref().or(beside.as_ref()))?;
-            let found = drift::history::judge(&nights, &settings(nights.last(), known));
-            (nights.last().map(|night| night.created.clone()), found)
-        }
-        (None, candidate) => {
-            let mut nights = in_order(nights(&arguments.baseline)?);
-            nights.extend(self::nights(candidate.as_slice())?);
-            let known = known(arguments.acknowledged.as_ref())?;
-            let found = drift::baseline::judge(&nights, &settings(nights.last(), known));
-            (nights.last().map(|night| night.created.clone()), found)
-        }
-    };
+    let found = judge(&nights, &settings);
+    let newest = newest.map(|night| night.created.as_str());
     let found = match arguments.within {
-        Some(within) if is_older(newest.as_deref(), begun, within) => found.without_the_night(&format!(
+        Some(within) if is_older(newest, begun, within) => found.without_the_night(&format!(
             "the newest run is of {}, more than {} ago",
             newest.unwrap_or_default(),
             humantime::format_duration(within)

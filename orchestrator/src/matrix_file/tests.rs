@@ -214,13 +214,16 @@ fn a_profile_overrides_and_keeps_the_rest() {
     assert_eq!(file.matrix.axes[0].values[0].text, "fake");
 }
 
-#[test]
-fn the_schema_that_is_committed_is_current() {
-    let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("../docs/matrix.schema.json");
-    let current = serde_json::to_string_pretty(&schema()).unwrap() + "\n";
+#[rstest]
+#[case("matrix.schema.json", "matrix schema", &schema())]
+#[case("drift.schema.json", "matrix schema drift", &reports::drift::schema())]
+fn the_schema_that_is_committed_is_current(
+    #[case] name: &str,
+    #[case] command: &str,
+    #[case] schema: &serde_json::Value,
+) {
+    let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("../docs").join(name);
+    let current = serde_json::to_string_pretty(schema).unwrap() + "\n";
     let committed = std::fs::read_to_string(&path).unwrap_or_default();
-    assert!(
-        committed == current,
-        "run `matrix schema > docs/matrix.schema.json`"
-    );
+    assert!(committed == current, "run `{command} > docs/{name}`");
 }

@@ -22,6 +22,7 @@ const NEAR: usize = 2;
 
 /// All that is known.
 #[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 #[serde(deny_unknown_fields)]
 pub struct Acknowledgements {
     /// One for each change.
@@ -31,19 +32,24 @@ pub struct Acknowledgements {
 
 /// What is known of one change.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 #[serde(deny_unknown_fields)]
 pub struct Acknowledgement {
     /// The scenario's slug, or `*` for all.
     pub scenario: String,
     /// The metric's name, or `*` for all.
+    #[cfg_attr(feature = "schema", schemars(schema_with = "metrics"))]
     pub metric: String,
     /// The name of the first run with it.
     pub since: String,
     /// Why it is as it is.
+    #[cfg_attr(feature = "schema", schemars(regex(pattern = r"\S")))]
     pub reason: String,
     /// Who says so.
+    #[cfg_attr(feature = "schema", schemars(regex(pattern = r"\S")))]
     pub person: String,
     /// The day from which on it is told again, `YYYY-MM-DD`.
+    #[cfg_attr(feature = "schema", schemars(regex(pattern = r"^\d{4}-\d{2}-\d{2}$")))]
     pub expires: String,
     /// What becomes of the nights before it.
     #[serde(default)]
@@ -52,6 +58,7 @@ pub struct Acknowledgement {
 
 /// What becomes of the nights before an acknowledged change.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 #[serde(rename_all = "lowercase")]
 pub enum Baseline {
     /// They stay in the history.
@@ -59,6 +66,32 @@ pub enum Baseline {
     Keep,
     /// The history begins with the change: it is what is usual from now on.
     Reset,
+}
+
+/// The JSON Schema (draft 2020-12) of a file of what is known.
+#[cfg(feature = "schema")]
+#[must_use]
+pub fn schema() -> serde_json::Value {
+    let settings = schemars::generate::SchemaSettings::draft2020_12();
+    let mut schema = settings
+        .into_generator()
+        .into_root_schema_for::<Acknowledgements>();
+    schema.insert("title".to_owned(), "Drift that is known".into());
+    schema.insert(
+        "description".to_owned(),
+        "`drift.yaml` of `matrix drift`: changes that somebody knows of.".into(),
+    );
+    schema.to_value()
+}
+
+#[cfg(feature = "schema")]
+fn metrics(_: &mut schemars::SchemaGenerator) -> schemars::Schema {
+    let names: Vec<&str> = Metric::ALL
+        .iter()
+        .map(|metric| metric.name())
+        .chain(["*"])
+        .collect();
+    schemars::json_schema!({ "enum": names })
 }
 
 impl Acknowledgement {

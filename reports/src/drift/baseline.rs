@@ -50,6 +50,16 @@ impl Expectation {
         })
     }
 
+    /// Their mean.
+    pub(super) const fn mean(&self) -> f64 {
+        self.mean
+    }
+
+    /// The standard deviation of nights.
+    pub(super) const fn spread(&self) -> f64 {
+        self.spread
+    }
+
     /// The probability of nights whose mean is as far off as that of these, or further; 1 of none.
     #[must_use]
     pub fn p(&self, newest: &[f64]) -> f64 {

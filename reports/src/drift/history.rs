@@ -4,15 +4,15 @@
 //! that in one night the probability of any false finding is at most α:
 //!
 //! - the newest night, the newest two, three and four, against what those since the last change make one expect
-//!   ([`Expectation`]): this tells of a jump in the night in which it comes, and goes on to tell of it. Each of them must be
+//!   ([`Prediction`]): this tells of a jump in the night in which it comes, and goes on to tell of it. Each of them must be
 //!   beyond all that came before, so that one night far off is told once;
 //! - change points by distances and by ranks ([`super::change_points`]), which tell of small jumps after some nights, and of
 //!   where they were;
 //! - a slope since the last change ([`Trend`]), which tells of what never jumps.
 
 use super::{
-    Cause, Drift, Finding, Judgement, Kind, Night, Search, Settings, Statistic, Trend, Verdict,
-    baseline::{Expectation, FEWEST_NIGHTS, lacking},
+    Cause, Drift, Finding, Judgement, Kind, Night, Prediction, Search, Settings, Statistic, Trend, Verdict,
+    baseline::{FEWEST_NIGHTS, lacking},
     change_points,
     series::{Point, Series, level_of, remarks, series_of},
 };
@@ -69,9 +69,9 @@ fn judgement(series: Series<'_>, looks: f64, nights: &[Night], settings: &Settin
 fn quiet(series: &Series<'_>, level: f64) -> Verdict {
     let levels = series.levels();
     let before = levels.split_last().map_or(&[][..], |(_, before)| before);
-    match Expectation::of(before) {
-        Some(expectation) => Verdict::NoDrift {
-            detectable: expectation.detectable(level),
+    match Prediction::of(before) {
+        Some(prediction) => Verdict::NoDrift {
+            detectable: prediction.detectable(level),
         },
         None if before.len() >= FEWEST_NIGHTS => Verdict::TooLittle {
             reason: "all nights have the very same number".to_owned(),
@@ -159,20 +159,17 @@ fn without_misplaced(mut jumps: Vec<(usize, f64)>, levels: &[f64], level: f64) -
     jumps
 }
 
-/// How many of the newest nights are apart from those before, with their p: the most telling number of them.
+/// How many of the newest nights are apart from those before, with their p: as many as can be told.
 fn newest_apart(levels: &[f64], level: f64) -> Option<(usize, f64)> {
-    let each = (1..SHORTEST).filter_map(|count| Some((count, p_of_newest(levels, count)?)));
-    each.min_by(|a, b| a.1.total_cmp(&b.1))
-        .filter(|(_, p)| *p < level)
+    let each = (1..SHORTEST).rev();
+    each.filter_map(|count| Some((count, p_of_newest(levels, count)?)))
+        .find(|(_, p)| *p < level)
 }
 
 /// The p of the newest so many nights; none where one of them is not beyond all before, or those are too few.
 fn p_of_newest(levels: &[f64], count: usize) -> Option<f64> {
     let (before, newest) = levels.split_at_checked(levels.len().checked_sub(count)?)?;
-    let expectation = Expectation::of(before)?;
-    let above = before.iter().all(|old| newest.iter().all(|new| new > old));
-    let below = before.iter().all(|old| newest.iter().all(|new| new < old));
-    (above || below).then(|| expectation.p(newest))
+    Prediction::of(before)?.p(newest)
 }
 
 /// From the first half to the second, as far as a slope can be told of as before and since.
