@@ -124,7 +124,11 @@ const MOST_BLOCK_PAIRS: usize = 2_000;
 impl Contrasts {
     /// Compares the pairs of letters that belong to the family.
     #[must_use]
-    pub fn of(pairs: &[(&str, &str)], samples: &[Sample], settings: &ReportSettings) -> Self {
+    pub fn of(
+        pairs: &[(impl AsRef<str>, impl AsRef<str>)],
+        samples: &[Sample],
+        settings: &ReportSettings,
+    ) -> Self {
         let mut scenarios: Vec<&str> = Vec::new();
         for sample in samples {
             if !scenarios.contains(&sample.scenario.as_str()) {
@@ -143,9 +147,10 @@ impl Contrasts {
         let mut found = Vec::new();
         let mut without_data = Vec::new();
         for (a, b) in pairs {
+            let (a, b) = (a.as_ref(), b.as_ref());
             match place(a).zip(place(b)) {
                 Some(places) => found.push(places),
-                None => without_data.push(((*a).to_owned(), (*b).to_owned())),
+                None => without_data.push((a.to_owned(), b.to_owned())),
             }
         }
         let effort = Effort::of_a_report(settings.seed);

@@ -36,6 +36,7 @@ pub mod run_directory;
 pub mod sample;
 pub mod selftest;
 pub mod settings;
+pub mod setup;
 pub mod shape;
 pub mod simulation;
 pub mod steadiness;

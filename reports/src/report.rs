@@ -1,7 +1,7 @@
 //! What a run showed, before it is drawn in any medium: every scenario with how it ended, every comparison, the paper's
 //! tables, and what a reader must know before believing them. The main type is [`Report`], made by [`analyse`].
 
-use std::fmt;
+use std::{collections::BTreeSet, fmt};
 
 use serde_json::{Map, Value};
 use workload::{record::window::Verdict, settings::NetworkBackend};
@@ -9,7 +9,7 @@ use workload::{record::window::Verdict, settings::NetworkBackend};
 use crate::{
     comparison::{Compared, Comparison, LISTED, Tally, compare, pairs_of},
     contrast::Contrasts,
-    family::Member,
+    family::{Family, Member},
     figure,
     health::Health,
     ks::{Method, Procedure},
@@ -17,6 +17,7 @@ use crate::{
     run_directory::{Difference, EnvironmentRecord, Outcome},
     sample::{Sample, samples},
     settings::ReportSettings,
+    setup::Unlike,
     table::{self, Table},
     traffic::{self, Explanation, Traffic, TrafficTally},
     within::WithinWindows,
@@ -42,6 +43,8 @@ pub struct Report {
     pub comparisons: Vec<Comparison>,
     /// The counts, of each scenario with itself and with each other.
     pub tallies: Vec<Tally>,
+    /// Scenarios that did not run the same experiment: what is different of them is not the platform's alone.
+    pub unlike: Vec<Unlike>,
     /// The pairs of the declared family, with the window as the unit.
     pub contrasts: Contrasts,
     /// What became of the packets; empty without captures.
@@ -216,7 +219,9 @@ pub fn analyse(run: &Run, traffic: Traffic, settings: &ReportSettings) -> Report
         .iter()
         .map(|scenario| scenario_report(scenario, settings, &samples))
         .collect();
-    let contrasts = Contrasts::of(&family_pairs(&scenarios, settings), &samples, settings);
+    let unlike = Unlike::all(&run.scenarios);
+    let pairs = family_pairs(&scenarios, &unlike, settings);
+    let contrasts = Contrasts::of(&pairs, &samples, settings);
     let mut report = Report {
         run: run.manifest.run.clone(),
         created: run.manifest.created.clone(),
@@ -224,6 +229,7 @@ pub fn analyse(run: &Run, traffic: Traffic, settings: &ReportSettings) -> Report
         traffic_tallies: traffic::compared(&traffic, settings),
         explanations: traffic::explanations(&contrasts.pairs, &samples, &traffic, settings),
         traffic,
+        unlike,
         contrasts,
         scenarios,
         tallies,
@@ -237,24 +243,37 @@ pub fn analyse(run: &Run, traffic: Traffic, settings: &ReportSettings) -> Report
     report
 }
 
-/// The letters of the pairs that belong to the declared family.
-fn family_pairs<'a>(scenarios: &'a [ScenarioReport], settings: &ReportSettings) -> Vec<(&'a str, &'a str)> {
-    let member = |scenario: &'a ScenarioReport| Member {
-        id: &scenario.id,
-        slug: &scenario.slug,
-        is_control: scenario.is_control,
-        platform: scenario
-            .axes
-            .iter()
-            .filter(|(axis, _)| *axis != VIRTUALIZATION)
-            .map(|(axis, value)| (axis.as_str(), text_of(value)))
-            .collect(),
-    };
-    let members: Vec<Member<'a>> = scenarios.iter().map(member).collect();
+/// The letters of the pairs that belong to the declared family. Scenarios that did not run the same experiment do only if
+/// they are named.
+fn family_pairs(
+    scenarios: &[ScenarioReport],
+    unlike: &[Unlike],
+    settings: &ReportSettings,
+) -> Vec<(String, String)> {
+    let members: Vec<Member<'_>> = scenarios.iter().map(Member::of).collect();
+    let is_named = matches!(settings.family, Family::Pairs(_));
     let pairs = settings.family.pairs(&members).into_iter();
     pairs
         .filter_map(|(a, b)| Some((members.get(a)?.id, members.get(b)?.id)))
+        .filter(|(a, b)| is_named || !unlike.iter().any(|unlike| unlike.is_of(a, b)))
+        .map(|(a, b)| (a.to_owned(), b.to_owned()))
         .collect()
+}
+
+impl<'a> Member<'a> {
+    fn of(scenario: &'a ScenarioReport) -> Self {
+        Self {
+            id: &scenario.id,
+            slug: &scenario.slug,
+            is_control: scenario.is_control,
+            platform: scenario
+                .axes
+                .iter()
+                .filter(|(axis, _)| *axis != VIRTUALIZATION)
+                .map(|(axis, value)| (axis.as_str(), text_of(value)))
+                .collect(),
+        }
+    }
 }
 
 impl Report {
@@ -264,6 +283,13 @@ impl Report {
         self.tallies
             .iter()
             .find(|tally| (tally.a == a && tally.b == b) || (tally.a == b && tally.b == a))
+    }
+
+    /// What is not the same of the experiments that two scenarios ran; empty if they ran the same.
+    #[must_use]
+    pub fn unlike(&self, a: &str, b: &str) -> &[String] {
+        let found = self.unlike.iter().find(|unlike| unlike.is_of(a, b));
+        found.map_or(&[], |unlike| &unlike.fields)
     }
 
     /// What is recorded to be different of two scenarios' environments; empty where one has no record.
@@ -451,12 +477,44 @@ fn remarks(report: &Report, cut_lines: &[usize]) -> Vec<String> {
             ));
         }
     }
+    remarks.extend(unlike_remark(report));
     for line in cut_lines {
         remarks.push(format!(
             "Line {line} of events.jsonl is cut, as a crash leaves it; what it was to announce had not been done."
         ));
     }
     remarks
+}
+
+/// That not all scenarios ran the same experiment, and what the report makes of it.
+fn unlike_remark(report: &Report) -> Option<String> {
+    const MOST: usize = 6;
+    let fields: BTreeSet<&str> = report
+        .unlike
+        .iter()
+        .flat_map(|unlike| unlike.fields.iter().map(String::as_str))
+        .collect();
+    let fields = Vec::from_iter(fields).join(", ");
+    let mut pairs: Vec<String> = report
+        .unlike
+        .iter()
+        .take(MOST)
+        .map(|unlike| format!("{} / {}", unlike.a, unlike.b))
+        .collect();
+    if let Some(more @ 1..) = report.unlike.len().checked_sub(MOST) {
+        pairs.push(format!("{more} more"));
+    }
+    let family = match report.settings.family {
+        Family::Pairs(_) => "`report.family` names some of them, so they are in it all the same",
+        _ => "they are left out of the family; to have them in it, name them in `report.family`",
+    };
+    (!report.unlike.is_empty()).then(|| {
+        format!(
+            "NOT THE SAME EXPERIMENT: {} differ in {fields}. What is different of them is not the platform's alone. Their \
+             counts are marked with *, and {family}.",
+            pairs.join(", ")
+        )
+    })
 }
 
 /// Sizes at which no pair of windows can be rejected, if there are any among the comparisons.

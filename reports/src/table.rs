@@ -122,9 +122,26 @@ fn verdicts_note(report: &Report) -> Option<String> {
 /// N and the rejections among them, in two cells.
 fn count_and_rejected(report: &Report, a: &str, b: &str) -> [String; 2] {
     match report.tally(a, b) {
-        Some(tally) => [tally.pairs.to_string(), tally.rejected.to_string()],
+        Some(tally) => [
+            tally.pairs.to_string(),
+            marked(report, a, b, tally.rejected.to_string()),
+        ],
         None => ["–".to_owned(), NO_DATA.to_owned()],
     }
+}
+
+/// With a mark where the two did not run the same experiment, which the report's remarks explain.
+fn marked(report: &Report, a: &str, b: &str, count: String) -> String {
+    match report.unlike(a, b) {
+        [] => count,
+        [..] => format!("{count} *"),
+    }
+}
+
+/// What the mark means, for tables in which there is one.
+fn unlike_note(rows: &[Vec<String>]) -> Option<String> {
+    let is_marked = rows.iter().flatten().any(|cell| cell.ends_with(" *"));
+    is_marked.then(|| "* Not the same experiment: see the remark above.".to_owned())
 }
 
 fn clipped(name: &str) -> String {

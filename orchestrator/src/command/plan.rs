@@ -16,7 +16,7 @@ use crate::{
     arguments::{OutputArguments, SelectionArguments},
     command::report::unreadable,
     exit::Exit,
-    matrix_file::MatrixFile,
+    matrix_file::{Diagnostics, MatrixFile},
     plan::{self, HostFacts, Plan, Selection, WindowDesign},
     provider::Roster,
     run::room,
@@ -58,7 +58,16 @@ pub struct Planned {
 /// # Errors
 /// All that is wrong with the file.
 pub async fn execute(arguments: &PlanArguments) -> Result<Exit, Complaint> {
-    let planned = plan(&arguments.file, &arguments.selection, arguments.output).await?;
+    let mut planned = plan(&arguments.file, &arguments.selection, arguments.output).await?;
+    let design = planned.plan.windows.as_ref();
+    if let Some(warning) = design.and_then(|design| design.warning(&planned.file)) {
+        let mut found = Diagnostics::default();
+        found.push(warning.clone());
+        if !arguments.output.quiet {
+            terminal::mistakes(&found);
+        }
+        planned.plan.warnings.push(warning);
+    }
     let spread_m = spread_of_levels(arguments)?;
     if arguments.output.json {
         let mut json = as_json(&planned.plan);

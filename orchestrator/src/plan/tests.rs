@@ -467,6 +467,25 @@ fn a_design_that_cannot_reach_alpha_is_told_what_would() {
     assert!(plan.warnings.is_empty(), "{}", plan.warnings);
 }
 
+#[test]
+fn a_design_whose_windows_cannot_reach_alpha_is_told_how_many_would() {
+    let warning = |text: &str| {
+        let file = MatrixFile::parse("m", text.as_bytes(), None).unwrap();
+        let plan = planned(text).unwrap();
+        plan.windows.unwrap().warning(&file)
+    };
+    let matrix = "matrix: {virtualization: [native, docker]}";
+    let told = warning(&format!("{matrix}\nworkload: {{windows: 4}}\n")).unwrap();
+    assert_eq!(told.code, Code::NeverRejects);
+    assert!(
+        told.help.as_deref().unwrap().contains("`windows: 7`"),
+        "{:?}",
+        told.help
+    );
+    // What it proposes does.
+    assert_eq!(warning(&format!("{matrix}\nworkload: {{windows: 7}}\n")), None);
+}
+
 proptest! {
     #[test]
     fn no_text_makes_it_panic(text in "(matrix|hosts|workload|report|profiles|[a-z.]{1,8}|[0-9]{1,3}(ms|%|Hz)?|\

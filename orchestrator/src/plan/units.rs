@@ -2,9 +2,17 @@
 //! and the shift that would be found, given how much window levels spread. The main type is [`WindowDesign`].
 
 use reports::{
-    family::Member, permutation::smallest_p, power, run_directory::PlannedScenario, settings::ReportSettings,
+    family::{Family, Member},
+    permutation::smallest_p,
+    power,
+    run_directory::PlannedScenario,
+    settings::ReportSettings,
+    setup::differing_settings,
 };
 use serde::Serialize;
+
+use super::spell_p;
+use crate::matrix_file::{Code, Diagnostic, MatrixFile};
 
 /// The pairs of scenarios of a plan that run and belong to the family.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize)]
@@ -43,7 +51,18 @@ impl WindowDesign {
                     .collect(),
             })
             .collect();
-        let pairs = settings.family.pairs(&members).len();
+        // As the report has it: those that are not to run the same experiment are in the family only if they are named.
+        let is_named = matches!(settings.family, Family::Pairs(_));
+        let is_asked = |(a, b): &(usize, usize)| match (running.get(*a), running.get(*b)) {
+            (Some(a), Some(b)) => is_named || differing_settings(&a.settings, &b.settings).is_empty(),
+            _ => false,
+        };
+        let pairs = settings
+            .family
+            .pairs(&members)
+            .into_iter()
+            .filter(is_asked)
+            .count();
         let windows = running.iter().map(|scenario| scenario.settings.windows).min()?;
         if pairs == 0 {
             return None;
@@ -63,6 +82,31 @@ impl WindowDesign {
     #[must_use]
     pub fn can_reject(&self) -> bool {
         self.smallest_p_holm < self.alpha
+    }
+
+    /// That the level cannot be reached in the family, and what would do; none where it can.
+    #[must_use]
+    pub fn warning(&self, file: &MatrixFile) -> Option<Diagnostic> {
+        if self.can_reject() {
+            return None;
+        }
+        let message = format!(
+            "with windows as units no comparison can ever reject: {w} windows against {w} reach p = {} at best, {} by Holm in a \
+             family of {}, not below α = {}",
+            spell_p(self.smallest_p),
+            spell_p(self.smallest_p_holm),
+            self.pairs,
+            self.alpha,
+            w = self.windows,
+        );
+        let help = match self.windows_needed {
+            Some(windows) => format!(
+                "write `windows: {windows}` under `workload:`, a smaller `family` or a larger `alpha`"
+            ),
+            None => "write a larger `alpha` under `report:`".to_owned(),
+        };
+        let span = file.place_of("workload.windows");
+        Some(Diagnostic::warning(&file.source, Code::NeverRejects, span, message).help(help))
     }
 
     /// The shift of window levels, in metres, that one pair finds with 80 % power at the level that Holm's first step

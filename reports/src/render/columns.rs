@@ -28,6 +28,7 @@ pub(crate) fn comparisons(report: &Report) -> PolarsResult<DataFrame> {
             .find(|scenario| scenario.id == id)
             .map(|scenario| scenario.slug.clone())
     };
+    let unlike = |a: &str, b: &str| unlike(report, a, b);
     df![
         "a" => column(report, |c| c.a.as_str()),
         "a_slug" => column(report, |c| slug(&c.a)),
@@ -47,6 +48,7 @@ pub(crate) fn comparisons(report: &Report) -> PolarsResult<DataFrame> {
         "method" => column(report, |c| c.test.method.name()),
         "alpha" => column(report, |_| report.settings.alpha),
         "rejected" => column(report, |c| c.rejected),
+        "unlike" => column(report, |c| unlike(&c.a, &c.b)),
     ]
 }
 
@@ -58,6 +60,7 @@ pub(crate) fn contrasts(report: &Report) -> PolarsResult<DataFrame> {
     let value = |of: fn(&Effect) -> &Estimate| column(report, move |c| of(&c.effect).value);
     let low = |of: fn(&Effect) -> &Estimate| column(report, move |c| of(&c.effect).interval.map(|i| i.low));
     let high = |of: fn(&Effect) -> &Estimate| column(report, move |c| of(&c.effect).interval.map(|i| i.high));
+    let unlike = |a: &str, b: &str| unlike(report, a, b);
     df![
         "a" => column(report, |c| c.a.as_str()),
         "b" => column(report, |c| c.b.as_str()),
@@ -75,6 +78,7 @@ pub(crate) fn contrasts(report: &Report) -> PolarsResult<DataFrame> {
         "p_benjamini_yekutieli" => column(report, |c| c.p_benjamini_yekutieli),
         "p_max_t" => column(report, |c| c.p_max_t),
         "verdict" => column(report, |c| c.verdict.name()),
+        "unlike" => column(report, |c| unlike(&c.a, &c.b)),
         "shift_m" => value(|e| &e.shift_m),
         "shift_low_m" => low(|e| &e.shift_m),
         "shift_high_m" => high(|e| &e.shift_m),
@@ -86,6 +90,12 @@ pub(crate) fn contrasts(report: &Report) -> PolarsResult<DataFrame> {
         "superiority_low" => low(|e| &e.superiority),
         "superiority_high" => high(|e| &e.superiority),
     ]
+}
+
+/// What is not the same of the experiments of two scenarios; none if they ran the same.
+fn unlike(report: &Report, a: &str, b: &str) -> Option<String> {
+    let fields = report.unlike(a, b);
+    (!fields.is_empty()).then(|| fields.join(" "))
 }
 
 /// One row a period that counts.

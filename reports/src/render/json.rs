@@ -40,14 +40,27 @@ pub(super) fn render(report: &Report) -> Value {
             .collect::<Vec<_>>(),
         "between": between
             .iter()
-            .map(|tally| json!({"a": tally.a, "b": tally.b, "pairs": tally.pairs, "rejected": tally.rejected}))
+            .map(|tally| {
+                json!({
+                    "a": tally.a,
+                    "b": tally.b,
+                    "pairs": tally.pairs,
+                    "rejected": tally.rejected,
+                    "unlike": report.unlike(&tally.a, &tally.b),
+                })
+            })
+            .collect::<Vec<_>>(),
+        "unlike": report
+            .unlike
+            .iter()
+            .map(|unlike| json!({"a": unlike.a, "b": unlike.b, "fields": unlike.fields}))
             .collect::<Vec<_>>(),
         "family": family(report),
         "contrasts": report.contrasts.pairs.iter().map(|pair| contrast(report, pair)).collect::<Vec<_>>(),
         "packets": report.traffic.scenarios.iter().map(packets).collect::<Vec<_>>(),
         "packet_counts": report.traffic_tallies.iter().flat_map(packet_counts).collect::<Vec<_>>(),
         "packet_explanations": report.explanations.iter().map(explanation).collect::<Vec<_>>(),
-        "comparisons": report.comparisons.iter().map(comparison).collect::<Vec<_>>(),
+        "comparisons": report.comparisons.iter().map(|one| comparison(report, one)).collect::<Vec<_>>(),
     })
 }
 
@@ -113,7 +126,7 @@ fn unmeasured(scenario: &ScenarioReport) -> Value {
     json!({"id": scenario.id, "slug": scenario.slug, "reason": scenario.reason, "hint": scenario.hint})
 }
 
-fn comparison(comparison: &Comparison) -> Value {
+fn comparison(report: &Report, comparison: &Comparison) -> Value {
     let test = &comparison.test;
     let (signed_d, at) = test.signed_d();
     json!({
@@ -132,6 +145,7 @@ fn comparison(comparison: &Comparison) -> Value {
         "log10_p": test.log10_p,
         "method": test.method.name(),
         "rejected": comparison.rejected,
+        "unlike": report.unlike(&comparison.a, &comparison.b),
     })
 }
 
@@ -178,6 +192,7 @@ fn contrast(report: &Report, pair: &Contrast) -> Value {
         "p_benjamini_yekutieli": pair.p_benjamini_yekutieli,
         "p_max_t": pair.p_max_t,
         "verdict": pair.verdict.name(),
+        "unlike": report.unlike(&pair.a, &pair.b),
         "effect": effect(&pair.effect),
         "differences": differences.collect::<Vec<_>>(),
     })

@@ -1,7 +1,8 @@
 //! Tables 2 and 3: what is the same on two platforms, and what virtualization changes on one.
 
 use super::{
-    Column, NO_DATA, NOT_INDEPENDENT, Table, clipped, clipped_to, count_and_rejected, no_data_note, texts,
+    Column, NO_DATA, NOT_INDEPENDENT, Table, clipped, clipped_to, count_and_rejected, marked, no_data_note,
+    texts, unlike_note,
 };
 use crate::report::{Report, ScenarioReport, VIRTUALIZATION, text_of};
 
@@ -32,6 +33,7 @@ pub(super) fn contrasts(report: &Report) -> Table {
         shown.extend([a, b]);
     }
     let mut notes: Vec<String> = missing_pairs(report, &controls, &others);
+    notes.extend(unlike_note(&rows));
     notes.extend(no_data_note(shown.into_iter()));
     if !rows.is_empty() {
         notes.push(NOT_INDEPENDENT.to_owned());
@@ -161,7 +163,7 @@ fn against(report: &Report, controls: &[&ScenarioReport]) -> Table {
         is_number: true,
     }));
     let cell = |a: &str, b: &str| match report.tally(a, b) {
-        Some(tally) => format!("{} of {}", tally.rejected, tally.pairs),
+        Some(tally) => marked(report, a, b, format!("{} of {}", tally.rejected, tally.pairs)),
         None => NO_DATA.to_owned(),
     };
     let rows = others
@@ -171,7 +173,7 @@ fn against(report: &Report, controls: &[&ScenarioReport]) -> Table {
             row.extend(controls.iter().map(|control| cell(&scenario.id, &control.id)));
             row
         })
-        .collect();
+        .collect::<Vec<Vec<String>>>();
     let mut notes = vec!["Each cell: rejected, of N window pairs.".to_owned()];
     if controls.is_empty() {
         notes = vec![format!("Nothing to compare with: {}.", no_control(report))];
@@ -185,6 +187,7 @@ fn against(report: &Report, controls: &[&ScenarioReport]) -> Table {
     if others.is_empty() {
         notes.push("Every scenario is a control: add another value to the axis `virtualization`.".to_owned());
     }
+    notes.extend(unlike_note(&rows));
     notes.extend(no_data_note(others.iter().chain(controls).copied()));
     notes.push(
         "As in table 2, the pairs of a count share their windows and are not independent tests.".to_owned(),

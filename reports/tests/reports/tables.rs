@@ -379,3 +379,82 @@ fn a_workload_for_another_machine_than_the_kernels_is_told() {
         assert!(!told_of(alike).contains("is a program for"));
     }
 }
+
+/// Three scenarios, the links of the last of which are slower.
+fn with_another_network(family: serde_json::Value) -> Report {
+    let synthetic = Synthetic::new(&[
+        Scenario::measured("x86-debian-native", &[0.1, 0.1001, 0.0999, 0.1]),
+        Scenario::measured("x86-debian-docker", &[0.1, 0.1002, 0.0999, 0.1001]),
+        Scenario::measured("x86-ubuntu-docker", &[0.2, 0.2001, 0.1999, 0.2]),
+    ]);
+    let edit = |path: std::path::PathBuf, edit: &dyn Fn(&mut serde_json::Value)| {
+        let mut value = serde_json::from_slice(&std::fs::read(&path).unwrap()).unwrap();
+        edit(&mut value);
+        synthetic.write_json(path, &value);
+    };
+    edit(synthetic.directory.plan(), &|plan| {
+        plan["scenarios"][2]["settings"]["network"]["delay"] = json!("20ms");
+    });
+    edit(synthetic.directory.manifest(), &|manifest| {
+        manifest["report"]["family"] = family.clone();
+    });
+    report_of(&synthetic)
+}
+
+#[test]
+fn scenarios_over_other_networks_are_marked_wherever_they_are_compared_and_left_out_of_the_family() {
+    let report = with_another_network(json!("all"));
+    let json = report.json();
+    let fields = json!(["network.delay"]);
+    assert_eq!(
+        json["unlike"],
+        json!([{"a": "a", "b": "c", "fields": fields}, {"a": "b", "b": "c", "fields": fields}])
+    );
+    for kind in ["between", "comparisons"] {
+        for one in json[kind].as_array().unwrap() {
+            let marked = one["b"] == "c" && one["a"] != "c";
+            assert_eq!(
+                one["unlike"],
+                if marked { fields.clone() } else { json!([]) },
+                "{one}"
+            );
+        }
+    }
+    let family: Vec<_> = report
+        .contrasts
+        .pairs
+        .iter()
+        .map(|pair| (&*pair.a, &*pair.b))
+        .collect();
+    assert_eq!(family, [("a", "b")]);
+
+    let markdown = report.markdown();
+    assert!(
+        markdown.contains("NOT THE SAME EXPERIMENT: a / c, b / c differ in network.delay"),
+        "{markdown}"
+    );
+    assert!(markdown.contains("16 of 16 *"), "{markdown}");
+    assert!(markdown.contains("0 of 16 |"), "{markdown}");
+    assert!(markdown.contains("* Not the same experiment"), "{markdown}");
+}
+
+#[test]
+fn a_pair_that_is_named_is_in_the_family_whatever_it_ran() {
+    let report = with_another_network(json!([["a", "c"]]));
+    let [pair] = &report.contrasts.pairs[..] else {
+        panic!("{:?}", report.contrasts.pairs)
+    };
+    assert_eq!((&*pair.a, &*pair.b), ("a", "c"));
+    assert_eq!(report.json()["contrasts"][0]["unlike"], json!(["network.delay"]));
+}
+
+#[test]
+fn what_ran_the_same_experiment_has_no_mark() {
+    let report = report_of(&Synthetic::new(&nine()));
+    assert!(report.unlike.is_empty(), "{:?}", report.unlike);
+    let markdown = report.markdown();
+    assert!(
+        !markdown.contains(" * |") && !markdown.contains("NOT THE SAME"),
+        "{markdown}"
+    );
+}

@@ -120,7 +120,7 @@ fn the_csv_has_a_line_for_each_comparison_and_for_each_period() {
     let mut lines = comparisons.lines();
     assert_eq!(
         lines.next().unwrap(),
-        "a,a_slug,a_window,b,b_slug,b_window,n,m,d,h,lcm,p,log10_p,signed_d,at_m,method,alpha,rejected"
+        "a,a_slug,a_window,b,b_slug,b_window,n,m,d,h,lcm,p,log10_p,signed_d,at_m,method,alpha,rejected,unlike"
     );
     assert!(
         lines
@@ -142,12 +142,12 @@ fn the_parquet_reads_back_as_it_was_written() {
     write(&synthetic, &ReportSettings::default());
     let file = fs::File::open(synthetic.directory.report().join("comparisons.parquet")).unwrap();
     let frame = ParquetReader::new(file).finish().unwrap();
-    assert_eq!(frame.shape(), (28, 18));
+    assert_eq!(frame.shape(), (28, 19));
     let rejected = frame.column("rejected").unwrap().bool().unwrap().sum();
     let csv = fs::read_to_string(synthetic.directory.report().join("comparisons.csv")).unwrap();
     assert_eq!(
         rejected,
-        Some(csv.lines().filter(|line| line.ends_with(",true")).count() as u32)
+        Some(csv.lines().filter(|line| line.ends_with(",true,")).count() as u32)
     );
 }
 

@@ -1,0 +1,155 @@
+//! Whether two scenarios ran the same experiment. Windows over other networks, at another rate or by another version of the
+//! workload differ whatever they ran on, so that a difference between them says nothing of the platform. The main type is
+//! [`Unlike`].
+
+use std::collections::BTreeSet;
+
+use serde_json::{Value, json};
+use workload::settings::Settings;
+
+use crate::run::ScenarioRun;
+
+/// Two scenarios that did not run the same experiment.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct Unlike {
+    /// Letter of the first.
+    pub a: String,
+    /// Letter of the second.
+    pub b: String,
+    /// What is not the same, such as `network.delay`; never empty.
+    pub fields: Vec<String>,
+}
+
+impl Unlike {
+    /// Every two scenarios that are, in the order of the plan. What was never measured is like any.
+    #[must_use]
+    pub fn all(scenarios: &[ScenarioRun]) -> Vec<Self> {
+        let measured = scenarios
+            .iter()
+            .filter(|scenario| scenario.counted().next().is_some());
+        let setups: Vec<(&str, Value)> = measured
+            .map(|scenario| (scenario.planned.id.as_str(), setup(scenario)))
+            .collect();
+        let mut found = Vec::new();
+        for (at, (a, first)) in setups.iter().enumerate() {
+            for (b, second) in setups.iter().skip(at + 1) {
+                let fields = differing(first, second);
+                if !fields.is_empty() {
+                    found.push(Self {
+                        a: (*a).to_owned(),
+                        b: (*b).to_owned(),
+                        fields,
+                    });
+                }
+            }
+        }
+        found
+    }
+
+    /// Whether it is of these two, in either order.
+    #[must_use]
+    pub fn is_of(&self, a: &str, b: &str) -> bool {
+        (self.a == a && self.b == b) || (self.a == b && self.b == a)
+    }
+}
+
+/// What is not the same of the experiments that two scenarios are to run; empty if they are to run the same.
+#[must_use]
+pub fn differing_settings(a: &Settings, b: &Settings) -> Vec<String> {
+    differing(&task(a), &task(b))
+}
+
+/// All that must be the same for a difference to be the platform's: the control task, the network between its nodes, and the
+/// program. How many windows there are, how they were captured and what was asked of the operating system is not of it.
+fn task(settings: &Settings) -> Value {
+    json!({
+        "period": settings.period,
+        "rate": settings.rate,
+        "reference": settings.reference,
+        "plant": settings.plant,
+        "control": settings.control,
+        "network": settings.network,
+        "ros": settings.ros,
+    })
+}
+
+/// The same with the program that ran it.
+fn setup(scenario: &ScenarioRun) -> Value {
+    let mut setup = task(&scenario.planned.settings);
+    let version = scenario
+        .environment
+        .as_ref()
+        .and_then(|environment| environment.workload_version());
+    setup["workload"] = json!({ "version": version, "sha256": program(scenario) });
+    setup
+}
+
+/// The hash of the workload by the machine that it is built for: those of other machines are other files anyway.
+fn program(scenario: &ScenarioRun) -> Value {
+    let Some(environment) = &scenario.environment else {
+        return Value::Null;
+    };
+    let of = |key: &str| {
+        environment
+            .platform
+            .as_ref()
+            .and_then(|platform| platform.get(key))
+    };
+    let machine = of("workload_machine")
+        .or_else(|| of("machine"))
+        .and_then(Value::as_str);
+    match (machine, environment.facts.get("workload_sha256")) {
+        (Some(machine), Some(sha256)) => json!({ machine: sha256 }),
+        _ => Value::Null,
+    }
+}
+
+/// The dotted paths of all fields that are not the same. What one of them does not have, such as an environment's record, is
+/// none.
+fn differing(first: &Value, second: &Value) -> Vec<String> {
+    let mut fields = Vec::new();
+    note("", first, second, &mut fields);
+    fields
+}
+
+fn note(path: &str, first: &Value, second: &Value, fields: &mut Vec<String>) {
+    match (first, second) {
+        (Value::Object(a), Value::Object(b)) => {
+            let names: BTreeSet<&String> = a.keys().filter(|name| b.contains_key(*name)).collect();
+            for name in names {
+                let path = match path {
+                    "" => name.clone(),
+                    path => format!("{path}.{name}"),
+                };
+                if let Some((a, b)) = a.get(name).zip(b.get(name)) {
+                    note(&path, a, b, fields);
+                }
+            }
+        }
+        (Value::Null, _) | (_, Value::Null) => {}
+        (a, b) if a == b => {}
+        _ => fields.push(path.to_owned()),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn what_is_not_the_same_is_named_by_its_path() {
+        let first = json!({"network": {"delay": "10ms", "loss": "1%"}, "rate": "50Hz"});
+        let second = json!({"network": {"delay": "20ms", "loss": "1%"}, "rate": "100Hz"});
+        assert_eq!(differing(&first, &second), ["network.delay", "rate"]);
+        assert!(differing(&first, &first).is_empty());
+    }
+
+    #[test]
+    fn what_is_not_known_is_no_difference() {
+        let known = json!({"workload": {"version": "0.1.0", "sha256": {"x86_64": "aa"}}});
+        let other_machine = json!({"workload": {"version": "0.1.0", "sha256": {"aarch64": "bb"}}});
+        let unknown = json!({"workload": {"version": null, "sha256": null}});
+        assert!(differing(&known, &unknown).is_empty());
+        assert!(differing(&known, &other_machine).is_empty());
+    }
+}
