@@ -1,8 +1,9 @@
 //! The figures, as SVG: the two distribution functions of a pair of scenarios with the distance marked, and one period of
-//! target and actual position. Text is left to whoever shows the SVG, so no fonts are needed here. The main type is
+//! target and actual position; and the same as PDF. Text of the SVG is left to whoever shows it. The main type is
 //! [`Figure`]; [`draw`] makes all of a report's.
 
 mod distributions;
+mod pdf;
 mod trajectory;
 
 use std::io;
@@ -10,9 +11,11 @@ use std::io;
 use plotters::{
     coord::Shift,
     drawing::DrawingAreaErrorKind,
-    prelude::{BLACK, Color, DrawingArea, IntoDrawingArea, RED, RGBColor, SVGBackend, Text, WHITE},
+    prelude::{DrawingArea, IntoDrawingArea, RED, RGBColor, SVGBackend, Text, WHITE},
     style::{IntoFont, TextStyle},
 };
+
+pub use pdf::{PdfError, of as pdf};
 
 use crate::{
     report::{Report, ScenarioReport},
@@ -44,6 +47,11 @@ type Area<'a> = DrawingArea<SVGBackend<'a>, Shift>;
 /// Blue and vermilion that are told apart without colour vision too (Okabe and Ito).
 const FIRST: RGBColor = RGBColor(0, 114, 178);
 const SECOND: RGBColor = RGBColor(213, 94, 0);
+
+/// Greys in place of black that lets the paper through: that would be set apart in PDF, and in no fixed order.
+const LABEL: RGBColor = RGBColor(38, 38, 38);
+const FRAME: RGBColor = RGBColor(178, 178, 178);
+const GRID: RGBColor = RGBColor(224, 224, 224);
 
 /// Draws the figures of a report.
 ///
@@ -131,5 +139,5 @@ fn drawn(
 
 /// The style of axis labels.
 fn label() -> TextStyle<'static> {
-    ("sans-serif", 13).into_font().color(&BLACK.mix(0.85))
+    ("sans-serif", 13).into_font().color(&LABEL)
 }

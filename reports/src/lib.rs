@@ -46,6 +46,7 @@ mod verdict;
 pub mod within;
 mod writing;
 
+pub use render::LatexTable;
 pub use report::{Report, analyse};
 pub use run::{Run, load};
 pub use run_directory::ReadError;

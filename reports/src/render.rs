@@ -6,6 +6,7 @@ mod json;
 mod latex;
 mod markdown;
 
+pub use latex::LatexTable;
 use serde_json::Value;
 
 use crate::{figure::Figure, report::Report};
@@ -17,10 +18,16 @@ impl Report {
         markdown::render(self)
     }
 
-    /// As LaTeX: a document that compiles by itself, of plain tables.
+    /// As LaTeX: a document that compiles by itself, of all tables.
     #[must_use]
     pub fn latex(&self) -> String {
         latex::render(self)
+    }
+
+    /// The tables as LaTeX, each for itself: what `\input` takes into a paper.
+    #[must_use]
+    pub fn latex_tables(&self) -> Vec<LatexTable> {
+        latex::tables(self)
     }
 
     /// As one page for a browser, with these figures in it.

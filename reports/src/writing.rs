@@ -8,9 +8,10 @@ use std::{
 };
 
 use polars::error::PolarsError;
+use rayon::prelude::*;
 
 use crate::{
-    figure::{self, FigureError},
+    figure::{self, FigureError, PdfError},
     render::columns,
     report::Report,
     run::Run,
@@ -18,6 +19,10 @@ use crate::{
 
 /// The folder of the figures, in `report/`.
 const FIGURES: &str = "figures";
+/// The folder of the LaTeX tables, in `report/`.
+const TABLES: &str = "tables";
+/// The first line of each of these, by which an old one is known.
+const TABLE_OF_OURS: &str = "% A table of a report of matrix, for \\input.";
 
 /// A report could not be written. What was there before of the file at fault is still there.
 #[derive(Debug, thiserror::Error)]
@@ -41,6 +46,9 @@ pub enum WriteError {
     /// A figure could not be drawn.
     #[error(transparent)]
     Figure(#[from] FigureError),
+    /// A figure could not be made into PDF.
+    #[error(transparent)]
+    Pdf(#[from] PdfError),
 }
 
 impl WriteError {
@@ -49,15 +57,15 @@ impl WriteError {
     pub const fn hint(&self) -> &'static str {
         match self {
             Self::Io { .. } => "see that the disk has room and that you may write to the run directory",
-            Self::Columns { .. } | Self::Figure(_) => {
+            Self::Columns { .. } | Self::Figure(_) | Self::Pdf(_) => {
                 "this is a fault of matrix: please report it with the run directory's report/report.json"
             }
         }
     }
 }
 
-/// Writes the report into the run directory's `report/`. Figures of an earlier report that this one does not have are
-/// removed.
+/// Writes the report into the run directory's `report/`. Figures and LaTeX tables of an earlier report that this one does
+/// not have are removed.
 ///
 /// # Errors
 /// When something cannot be encoded, which is before anything is written, and when a file cannot be written.
@@ -74,19 +82,33 @@ pub fn write(run: &Run, report: &Report) -> Result<(), WriteError> {
         ),
     ];
     files.extend(column_files(report)?);
-    let names: BTreeSet<String> = figures.iter().map(|figure| figure.name.clone()).collect();
-    files.extend(
-        figures
-            .into_iter()
-            .map(|figure| (Path::new(FIGURES).join(figure.name), figure.svg.into_bytes())),
-    );
+    // Each takes a while, and they have nothing to do with each other.
+    let pdfs: Vec<Vec<u8>> = figures
+        .par_iter()
+        .map(figure::pdf)
+        .collect::<Result<_, PdfError>>()?;
+    let drawings = Path::new(FIGURES);
+    for (figure, pdf) in figures.into_iter().zip(pdfs) {
+        let name = drawings.join(figure.name);
+        files.push((name.with_extension("pdf"), pdf));
+        files.push((name, figure.svg.into_bytes()));
+    }
+    let tables = Path::new(TABLES);
+    for table in report.latex_tables() {
+        let text = format!("{TABLE_OF_OURS}\n{}", table.text);
+        files.push((tables.join(table.name).with_extension("tex"), text.into_bytes()));
+    }
+    let written: BTreeSet<PathBuf> = files.iter().map(|(name, _)| folder.join(name)).collect();
 
-    let drawings = folder.join(FIGURES);
-    fs::create_dir_all(&drawings).map_err(at(&drawings))?;
+    for inner in [drawings, tables] {
+        let inner = folder.join(inner);
+        fs::create_dir_all(&inner).map_err(at(&inner))?;
+    }
     for (name, bytes) in files {
         replace(&folder.join(name), &bytes)?;
     }
-    remove_other_figures(&drawings, &names)
+    remove_others(&folder.join(drawings), &written, is_figure_of_ours)?;
+    remove_others(&folder.join(tables), &written, is_table_of_ours)
 }
 
 /// Each table of numbers as CSV and as Parquet.
@@ -122,20 +144,34 @@ fn replace(path: &Path, bytes: &[u8]) -> Result<(), WriteError> {
     fs::rename(&beside, path).map_err(at(path))
 }
 
-fn remove_other_figures(folder: &Path, wanted: &BTreeSet<String>) -> Result<(), WriteError> {
+/// Removes what an earlier report has written there and this one has not.
+fn remove_others(
+    folder: &Path,
+    written: &BTreeSet<PathBuf>,
+    is_ours: impl Fn(&Path, &str) -> bool,
+) -> Result<(), WriteError> {
     for entry in fs::read_dir(folder).map_err(at(folder))? {
         let path = entry.map_err(at(folder))?.path();
         let name = path
             .file_name()
             .and_then(|name| name.to_str())
             .unwrap_or_default();
-        let ours = (name.starts_with("cdf-") || name.starts_with("trajectory-"))
-            && (name.ends_with(".svg") || name.ends_with(".svg.new"));
-        if ours && !wanted.contains(name) {
+        if !written.contains(&path) && is_ours(&path, name) {
             fs::remove_file(&path).map_err(at(&path))?;
         }
     }
     Ok(())
+}
+
+fn is_figure_of_ours(_: &Path, name: &str) -> bool {
+    let name = name.strip_suffix(".new").unwrap_or(name);
+    (name.starts_with("cdf-") || name.starts_with("trajectory-"))
+        && (name.ends_with(".svg") || name.ends_with(".pdf"))
+}
+
+fn is_table_of_ours(path: &Path, name: &str) -> bool {
+    let is_table = name.strip_suffix(".new").unwrap_or(name).ends_with(".tex");
+    is_table && fs::read(path).is_ok_and(|bytes| bytes.starts_with(TABLE_OF_OURS.as_bytes()))
 }
 
 fn at(path: &Path) -> impl FnOnce(io::Error) -> WriteError {

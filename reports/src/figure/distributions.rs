@@ -9,7 +9,7 @@ use plotters::{
     style::{IntoFont, ShapeStyle},
 };
 
-use super::{Area, DrawingError, FIRST, Figure, FigureError, SECOND, drawn, label};
+use super::{Area, DrawingError, FIRST, FRAME, Figure, FigureError, GRID, SECOND, drawn, label};
 use crate::{
     comparison::Comparison,
     report::{Report, ScenarioReport},
@@ -113,7 +113,7 @@ impl Pair {
         chart
             .configure_mesh()
             .light_line_style(BLACK.mix(0.0))
-            .bold_line_style(BLACK.mix(0.12))
+            .bold_line_style(GRID)
             .x_desc(self.axis.as_str())
             .y_desc("share of periods with at most this error")
             .label_style(label())
@@ -149,8 +149,8 @@ impl Pair {
         chart
             .configure_series_labels()
             .position(plotters::chart::SeriesLabelPosition::LowerRight)
-            .background_style(plotters::prelude::WHITE.mix(0.85))
-            .border_style(BLACK.mix(0.3))
+            .background_style(plotters::prelude::WHITE)
+            .border_style(FRAME)
             .label_font(label())
             .draw()
     }

@@ -7,7 +7,7 @@ use plotters::{
     style::{RGBColor, ShapeStyle},
 };
 
-use super::{Area, DrawingError, FIRST, Figure, FigureError, SECOND, drawn, label};
+use super::{Area, DrawingError, FIRST, FRAME, Figure, FigureError, GRID, SECOND, drawn, label};
 use crate::{run::ScenarioRun, run_directory::PeriodPath};
 
 /// More points than this are not seen, and make the file large.
@@ -91,7 +91,7 @@ fn draw_plane(area: &Area<'_>, path: &PeriodPath, reach: f64) -> Result<(), Draw
     chart
         .configure_mesh()
         .light_line_style(BLACK.mix(0.0))
-        .bold_line_style(BLACK.mix(0.12))
+        .bold_line_style(GRID)
         .x_desc("x (m)")
         .y_desc("y (m)")
         .label_style(label())
@@ -106,8 +106,8 @@ fn draw_plane(area: &Area<'_>, path: &PeriodPath, reach: f64) -> Result<(), Draw
     chart
         .configure_series_labels()
         .position(SeriesLabelPosition::UpperRight)
-        .background_style(WHITE.mix(0.85))
-        .border_style(BLACK.mix(0.3))
+        .background_style(WHITE)
+        .border_style(FRAME)
         .label_font(label())
         .draw()
 }
@@ -129,7 +129,7 @@ fn draw_coordinate(
     chart
         .configure_mesh()
         .light_line_style(BLACK.mix(0.0))
-        .bold_line_style(BLACK.mix(0.12))
+        .bold_line_style(GRID)
         .x_desc("time within the period (s)")
         .y_desc(name)
         .y_labels(5)

@@ -56,8 +56,11 @@ fn a_report_is_written_whole_and_nothing_else_is_touched() {
             "report/comparisons.parquet",
             "report/contrasts.csv",
             "report/contrasts.parquet",
+            "report/figures/cdf-a-b.pdf",
             "report/figures/cdf-a-b.svg",
+            "report/figures/trajectory-a.pdf",
             "report/figures/trajectory-a.svg",
+            "report/figures/trajectory-b.pdf",
             "report/figures/trajectory-b.svg",
             "report/packets.csv",
             "report/packets.parquet",
@@ -67,6 +70,16 @@ fn a_report_is_written_whole_and_nothing_else_is_touched() {
             "report/samples.parquet",
             "report/tables.md",
             "report/tables.tex",
+            "report/tables/controls-against-each-other-and-virtualizations-on-each-platform.tex",
+            "report/tables/how-large-the-differences-are.tex",
+            "report/tables/how-well-each-platform-held-the-schedule.tex",
+            "report/tables/rejections-of-each-virtualized-scenario-against-each-control.tex",
+            "report/tables/rejections-within-each-scenario.tex",
+            "report/tables/the-counts-with-blocks-in-place-of-values.tex",
+            "report/tables/the-family-of-comparisons.tex",
+            "report/tables/the-window-as-the-unit.tex",
+            "report/tables/what-was-different.tex",
+            "report/tables/within-the-windows.tex",
         ]
     );
     after.retain(|name, _| before.contains_key(name));
@@ -79,15 +92,27 @@ fn the_same_run_gives_the_same_report_byte_for_byte() {
     write(&synthetic, &ReportSettings::default());
     let first = tree(&synthetic.directory.report());
     write(&synthetic, &ReportSettings::default());
-    assert_eq!(first, tree(&synthetic.directory.report()));
+    let second = tree(&synthetic.directory.report());
+    // By name first: a difference in bytes is hard to read.
+    for (name, bytes) in &first {
+        assert!(second.get(name) == Some(bytes), "{name}");
+    }
+    assert_eq!(first.len(), second.len());
 }
 
 #[test]
-fn figures_of_an_earlier_report_are_removed_and_other_files_are_not() {
+fn figures_and_tables_of_an_earlier_report_are_removed_and_other_files_are_not() {
     let synthetic = two_scenarios();
     write(&synthetic, &ReportSettings::default());
     let figures = synthetic.directory.report().join("figures");
     fs::write(figures.join("mine.svg"), "mine").unwrap();
+    let tables = synthetic.directory.report().join("tables");
+    fs::write(tables.join("mine.tex"), "\\section{Mine}").unwrap();
+    fs::rename(
+        tables.join("within-the-windows.tex"),
+        tables.join("rejections-continued.tex"),
+    )
+    .unwrap();
     let pair = |a: &str, b: &str| (a.to_owned(), b.to_owned());
     let settings = ReportSettings {
         figures: vec![pair("b", "x86-debian-docker"), pair("a", "nowhere")],
@@ -97,8 +122,19 @@ fn figures_of_an_earlier_report_are_removed_and_other_files_are_not() {
     let names: Vec<String> = tree(&figures).into_keys().collect();
     assert_eq!(
         names,
-        ["cdf-b-b.svg", "mine.svg", "trajectory-a.svg", "trajectory-b.svg"]
+        [
+            "cdf-b-b.pdf",
+            "cdf-b-b.svg",
+            "mine.svg",
+            "trajectory-a.pdf",
+            "trajectory-a.svg",
+            "trajectory-b.pdf",
+            "trajectory-b.svg"
+        ]
     );
+    let names = tree(&tables);
+    assert!(names.contains_key("mine.tex") && names.contains_key("within-the-windows.tex"));
+    assert!(!names.contains_key("rejections-continued.tex"));
     let run = reports::load(synthetic.directory.path()).unwrap();
     assert_eq!(
         analyse(&run, Traffic::default(), &settings).remarks,
@@ -188,4 +224,78 @@ fn a_run_without_any_window_still_has_a_report() {
     write(&synthetic, &ReportSettings::default());
     let csv = fs::read_to_string(synthetic.directory.report().join("comparisons.csv")).unwrap();
     assert_eq!(csv.lines().count(), 1);
+}
+
+/// The names between backticks in a section of docs/report-columns.md.
+fn documented(section: &str) -> Vec<String> {
+    let docs = include_str!("../../../docs/report-columns.md");
+    let (_, rest) = docs.split_once(&format!("\n## {section}\n")).unwrap();
+    let own = rest.split("\n## ").next().unwrap();
+    own.split('`').skip(1).step_by(2).map(str::to_owned).collect()
+}
+
+fn fields(value: &serde_json::Value, found: &mut std::collections::BTreeSet<String>) {
+    match value {
+        serde_json::Value::Array(all) => all.iter().for_each(|one| fields(one, found)),
+        serde_json::Value::Object(all) => {
+            for (name, inner) in all {
+                found.insert(name.clone());
+                // What these hold is a user's, or of another file.
+                if !["axes", "control", "facts", "platform", "declared"].contains(&name.as_str()) {
+                    fields(inner, found);
+                }
+            }
+        }
+        _ => {}
+    }
+}
+
+#[test]
+fn the_docs_name_each_column_and_field_that_is_written_and_no_other_column() {
+    let synthetic = two_scenarios();
+    write(&synthetic, &ReportSettings::default());
+    let folder = synthetic.directory.report();
+    let mut files = 0;
+    for name in tree(&folder).into_keys() {
+        let Some(section) = name.strip_suffix(".csv") else {
+            continue;
+        };
+        files += 1;
+        let csv = fs::read_to_string(folder.join(&name)).unwrap();
+        let columns: Vec<&str> = csv.lines().next().unwrap().split(',').collect();
+        let documented = documented(section);
+        for column in &columns {
+            assert!(documented.iter().any(|it| it == column), "{name} has {column}");
+        }
+        let first_cells = include_str!("../../../docs/report-columns.md")
+            .split_once(&format!("\n## {section}\n"))
+            .and_then(|(_, rest)| rest.split("\n## ").next())
+            .unwrap()
+            .lines()
+            .filter_map(|line| line.strip_prefix("| `"))
+            .filter_map(|line| line.split(" |").next());
+        for name in first_cells.flat_map(|cell| cell.split(", ")) {
+            let name = name.trim_matches('`');
+            assert!(columns.contains(&name), "{section} has no {name}");
+        }
+    }
+    assert_eq!(files, 4);
+
+    let mut found = std::collections::BTreeSet::new();
+    for run in [
+        synthetic.directory.path().to_owned(),
+        concat!(env!("CARGO_MANIFEST_DIR"), "/../tests/fixtures/recorded").into(),
+    ] {
+        let run = reports::load(&run).unwrap();
+        let traffic = reports::traffic::read(&run);
+        let report = analyse(&run, traffic, &run.manifest.report);
+        fields(&report.json(), &mut found);
+    }
+    assert!(found.len() > 80, "{found:?}");
+    let mut documented = documented("report.json");
+    documented.extend(self::documented("contrasts"));
+    documented.extend(self::documented("comparisons"));
+    for field in found {
+        assert!(documented.contains(&field), "report.json has {field}");
+    }
 }
