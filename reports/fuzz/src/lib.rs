@@ -1,0 +1,121 @@
+//! The parsers of `reports`, from its own sources (links), and what is asked of them whatever they are given: an answer or an error
+//! with a hint, and no panic. The modules are compiled here and not taken from the crate, whose tables need polars: that
+//! would take a quarter of an hour to build with a fuzzer's flags.
+
+#![allow(dead_code, unused_imports)] // Of the modules only the parsers are used.
+
+use std::{fs, io::Cursor, path::PathBuf};
+
+use sha2::{Digest, Sha256};
+use workload::record::window::{FileRecord, WindowRecord};
+
+mod family;
+mod ks;
+mod packets;
+mod run_directory;
+mod settings;
+
+use packets::{CaptureFile, Segment};
+use run_directory::{
+    ControlTrace, EnvironmentRecord, Expected, Journal, Manifest, PlanRecord, ReadError, read_record,
+};
+
+/// Reads the bytes as a control log that is as it was measured, with as many steps as it has lines.
+pub fn control_log(bytes: &[u8]) {
+    let path = written("control.csv", bytes);
+    let record = FileRecord {
+        name: "control.csv".to_owned(),
+        bytes: bytes.len() as u64,
+        sha256: Sha256::digest(bytes)
+            .iter()
+            .map(|byte| format!("{byte:02x}"))
+            .collect(),
+        measured: None,
+    };
+    let lines = bytes.split(|byte| *byte == b'\n');
+    let steps = lines
+        .filter(|line| !matches!(line, [] | [b'\r']))
+        .count()
+        .saturating_sub(1) as u64;
+    for steps_per_period in [1, 10] {
+        let expected = Expected {
+            steps,
+            steps_per_period,
+            file: &record,
+        };
+        match ControlTrace::read(&path, expected) {
+            Ok(trace) => {
+                assert_eq!(trace.periods.len() as u64, steps / steps_per_period);
+                assert!(
+                    trace
+                        .periods
+                        .iter()
+                        .all(|period| period.mean_square_m2.is_finite())
+                );
+                assert!(
+                    bytes.is_empty() || bytes.ends_with(b"\n"),
+                    "a cut last line was taken"
+                );
+            }
+            Err(error) => assert!(!error.to_string().is_empty() && !error.hint().is_empty()),
+        }
+    }
+}
+
+/// Reads the bytes as a capture, plain and compressed, and every packet as a segment.
+pub fn capture(bytes: &[u8]) {
+    let opened = CaptureFile::from_source(PathBuf::from("h1.pcap"), Box::new(Cursor::new(bytes.to_vec())));
+    packets_of(opened);
+    let compressed = written("h1.pcap.zst", bytes);
+    packets_of(CaptureFile::open(&compressed));
+}
+
+fn packets_of(opened: Result<CaptureFile, packets::CaptureReadError>) {
+    let mut capture = match opened {
+        Ok(capture) => capture,
+        Err(error) => return assert!(!error.to_string().is_empty() && !error.hint().is_empty()),
+    };
+    // What unpacks to more than that says nothing new.
+    for _ in 0..10_000 {
+        match capture.advance() {
+            Ok(true) => {
+                let segment = capture.packet().and_then(|packet| Segment::parse(&packet));
+                assert!(
+                    segment.is_none_or(|segment| segment.payload.len() <= segment.payload_bytes as usize)
+                );
+            }
+            Ok(false) => break,
+            Err(error) => return assert!(!error.to_string().is_empty()),
+        }
+    }
+}
+
+/// Reads the bytes as each of the files of a run directory.
+pub fn run_directory(bytes: &[u8]) {
+    let path = written("record.json", bytes);
+    told(Journal::read(&path));
+    let known = run_directory::FORMAT;
+    told(read_record::<Manifest>(&path, known));
+    told(read_record::<PlanRecord>(&path, known));
+    told(read_record::<EnvironmentRecord>(&path, known));
+    told(read_record::<WindowRecord>(&path, workload::record::FORMAT));
+}
+
+fn told<T>(read: Result<T, ReadError>) {
+    if let Err(error) = read {
+        assert!(!error.to_string().is_empty() && !error.hint().is_empty());
+    }
+}
+
+/// A file with these bytes, in memory where there is such a folder.
+fn written(name: &str, bytes: &[u8]) -> PathBuf {
+    let memory = PathBuf::from("/dev/shm");
+    let folder = if memory.is_dir() {
+        memory
+    } else {
+        std::env::temp_dir()
+    };
+    let path = folder.join(format!("matrix-fuzz-{}-{name}", std::process::id()));
+    fs::write(&path, bytes).expect("there is room");
+    path
+}

@@ -1,0 +1,1 @@
+../../src/run_directory.rs
