@@ -23,6 +23,7 @@ pub mod figure;
 pub mod health;
 pub mod ks;
 pub mod merged;
+#[cfg(feature = "columns")]
 pub mod messages;
 pub mod multiplicity;
 pub mod packets;
@@ -44,10 +45,12 @@ pub mod table;
 pub mod traffic;
 mod verdict;
 pub mod within;
+#[cfg(feature = "columns")]
 mod writing;
 
 pub use render::LatexTable;
 pub use report::{Report, analyse};
 pub use run::{Run, load};
 pub use run_directory::ReadError;
+#[cfg(feature = "columns")]
 pub use writing::{WriteError, write};

@@ -25,14 +25,13 @@ mod reading;
 use std::path::{Path, PathBuf};
 
 pub use clock_drift::ClockDrift;
-pub(crate) use control_trace::Expected;
-pub use control_trace::{ControlLogError, ControlTrace, Fault, PeriodError, PeriodPath, SLICES};
+pub use control_trace::{ControlLogError, ControlTrace, Expected, Fault, PeriodError, PeriodPath, SLICES};
 pub use environment::{Difference, EnvironmentRecord};
 pub use journal::{Event, Journal, JournalEntry, Outcome, Resource};
 pub use manifest::{HostRecord, Manifest};
 pub use plan::{PlanRecord, PlannedScenario};
-pub use reading::ReadError;
-pub(crate) use reading::read_record;
+pub use reading::{ReadError, read_record};
+
 
 /// Version of the run directory's layout and of the files in it.
 pub const FORMAT: u32 = 1;

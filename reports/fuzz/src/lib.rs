@@ -1,24 +1,19 @@
-//! The parsers of `reports`, from its own sources (links), and what is asked of them whatever they are given: an answer or an error
-//! with a hint, and no panic. The modules are compiled here and not taken from the crate, whose tables need polars: that
-//! would take a quarter of an hour to build with a fuzzer's flags.
+//! What reads files in `reports`, and what is asked of it whatever it is given: an answer or an error with a hint, and no panic.
 
-#![allow(dead_code, unused_imports)] // Of the modules only the parsers are used.
+mod recorded;
 
 use std::{fs, io::Cursor, path::PathBuf};
 
+pub use recorded::report;
+use reports::{
+    ReadError,
+    packets::{CaptureFile, CaptureReadError, Segment},
+    run_directory::{
+        ControlTrace, EnvironmentRecord, Expected, FORMAT, Journal, Manifest, PlanRecord, read_record,
+    },
+};
 use sha2::{Digest, Sha256};
 use workload::record::window::{FileRecord, WindowRecord};
-
-mod family;
-mod ks;
-mod packets;
-mod run_directory;
-mod settings;
-
-use packets::{CaptureFile, Segment};
-use run_directory::{
-    ControlTrace, EnvironmentRecord, Expected, Journal, Manifest, PlanRecord, ReadError, read_record,
-};
 
 /// Reads the bytes as a control log that is as it was measured, with as many steps as it has lines.
 pub fn control_log(bytes: &[u8]) {
@@ -70,7 +65,7 @@ pub fn capture(bytes: &[u8]) {
     packets_of(CaptureFile::open(&compressed));
 }
 
-fn packets_of(opened: Result<CaptureFile, packets::CaptureReadError>) {
+fn packets_of(opened: Result<CaptureFile, CaptureReadError>) {
     let mut capture = match opened {
         Ok(capture) => capture,
         Err(error) => return assert!(!error.to_string().is_empty() && !error.hint().is_empty()),
@@ -94,10 +89,9 @@ fn packets_of(opened: Result<CaptureFile, packets::CaptureReadError>) {
 pub fn run_directory(bytes: &[u8]) {
     let path = written("record.json", bytes);
     told(Journal::read(&path));
-    let known = run_directory::FORMAT;
-    told(read_record::<Manifest>(&path, known));
-    told(read_record::<PlanRecord>(&path, known));
-    told(read_record::<EnvironmentRecord>(&path, known));
+    told(read_record::<Manifest>(&path, FORMAT));
+    told(read_record::<PlanRecord>(&path, FORMAT));
+    told(read_record::<EnvironmentRecord>(&path, FORMAT));
     told(read_record::<WindowRecord>(&path, workload::record::FORMAT));
 }
 

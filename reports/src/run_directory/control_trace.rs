@@ -56,13 +56,13 @@ pub struct PeriodPath {
 
 /// What a log must be.
 #[derive(Debug, Clone, Copy)]
-pub(crate) struct Expected<'a> {
+pub struct Expected<'a> {
     /// Control steps in it.
-    pub(crate) steps: u64,
+    pub steps: u64,
     /// Control steps in a period; not 0.
-    pub(crate) steps_per_period: u64,
+    pub steps_per_period: u64,
     /// Its length and checksum.
-    pub(crate) file: &'a FileRecord,
+    pub file: &'a FileRecord,
 }
 
 /// A log that cannot be used.
@@ -159,7 +159,10 @@ pub enum Fault {
 
 impl ControlTrace {
     /// Reads a log.
-    pub(crate) fn read(path: &Path, expected: Expected<'_>) -> Result<Self, ControlLogError> {
+    ///
+    /// # Errors
+    /// When it cannot be read, is not as long as expected, or has a field that is wrong.
+    pub fn read(path: &Path, expected: Expected<'_>) -> Result<Self, ControlLogError> {
         let unreadable = |source: io::Error| ControlLogError {
             fault: Fault::Csv(source.into()),
             changed: false,

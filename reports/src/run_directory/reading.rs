@@ -122,7 +122,10 @@ pub(crate) fn read_file(path: &Path) -> Result<Vec<u8>, ReadError> {
 }
 
 /// Reads one of the files that carry a `format`.
-pub(crate) fn read_record<T: DeserializeOwned>(path: &Path, known: u32) -> Result<T, ReadError> {
+///
+/// # Errors
+/// When it cannot be read, is not what it should be, or is of a later format than the `known` one.
+pub fn read_record<T: DeserializeOwned>(path: &Path, known: u32) -> Result<T, ReadError> {
     #[derive(Deserialize)]
     struct Versioned {
         format: Option<u64>,

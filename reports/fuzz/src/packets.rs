@@ -1,1 +1,0 @@
-../../src/packets.rs
