@@ -11,7 +11,10 @@ use std::{
     os::unix::fs::OpenOptionsExt as _,
     path::{Path, PathBuf},
     process,
-    sync::{OnceLock, PoisonError, RwLock},
+    sync::{
+        OnceLock, PoisonError, RwLock,
+        atomic::{AtomicU64, Ordering},
+    },
 };
 
 use sha2::{Digest as _, Sha256};
@@ -36,6 +39,9 @@ pub fn sha256() -> &'static str {
 
 /// Held for writing while the binary's file is open for writing.
 static WRITING: RwLock<()> = RwLock::new(());
+
+/// How many times this process has begun to install it.
+static INSTALLED: AtomicU64 = AtomicU64::new(0);
 
 /// Starts a process, whichever, by calling `spawn`, at a moment when the binary is not being written.
 ///
@@ -63,7 +69,12 @@ pub fn installed(state: &StateDirectory) -> Result<PathBuf, InstallError> {
         move |source| InstallError { path, source }
     };
     fs::create_dir_all(&directory).map_err(failed(&directory))?;
-    let temporary = directory.join(format!(".workload.{}", process::id()));
+    // Two hosts of one matrix may be this machine, and both want it at once.
+    let temporary = directory.join(format!(
+        ".workload.{}.{}",
+        process::id(),
+        INSTALLED.fetch_add(1, Ordering::Relaxed)
+    ));
     write_executable(&temporary).map_err(failed(&temporary))?;
     fs::rename(&temporary, &path).map_err(failed(&path))?;
     Ok(path)
@@ -142,6 +153,21 @@ mod tests {
         ] {
             assert!(!has(place), "{place}");
         }
+    }
+
+    #[test]
+    fn two_hosts_that_are_this_machine_can_want_it_at_once() {
+        let folder = tempfile::tempdir().unwrap();
+        let state = StateDirectory::new(folder.path());
+        std::thread::scope(|scope| {
+            let installing: Vec<_> = (0..8)
+                .map(|_| scope.spawn(|| installed(&state).unwrap()))
+                .collect();
+            for path in installing.into_iter().map(|one| one.join().unwrap()) {
+                assert_eq!(fs::read(path).unwrap(), bytes());
+            }
+        });
+        assert_eq!(fs::read_dir(state.binaries()).unwrap().count(), 1);
     }
 
     #[test]

@@ -32,7 +32,6 @@ pub use manifest::{HostRecord, Manifest};
 pub use plan::{PlanRecord, PlannedScenario};
 pub use reading::{ReadError, read_record};
 
-
 /// Version of the run directory's layout and of the files in it.
 pub const FORMAT: u32 = 1;
 

@@ -60,6 +60,16 @@ impl Metric {
         }
     }
 
+    /// What its values can be told apart by, in its unit: the journal's stamps are to the millisecond, and one of them ends and one
+    /// begins what is provisioned.
+    #[must_use]
+    pub const fn resolution(self) -> f64 {
+        match self {
+            Self::Provisioning => 0.002,
+            Self::TrackingError | Self::StateAge | Self::PacketDelay | Self::Lateness => 0.0,
+        }
+    }
+
     /// The SI unit of its values.
     #[must_use]
     pub const fn unit(self) -> &'static str {

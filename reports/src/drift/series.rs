@@ -51,10 +51,11 @@ pub fn series_of(nights: &[Night]) -> Vec<Series<'_>> {
         for metric in Metric::ALL {
             let series = Series::of(nights, scenario, metric);
             let never_asked = matches!(series.lack, Some(Lack::NotAsked(_))) && series.points.is_empty();
-            // A metric that no night has, or that is the same in all, is none of this platform's; but for the one that it is
-            // about.
-            let mut neighbours = series.points.windows(2);
-            let is_constant = neighbours.all(|pair| pair[0].level == pair[1].level);
+            // A metric that no night has, or that is the same in all as far as it is measured, is none of this platform's; but
+            // for the one that it is about.
+            let levels = || series.points.iter().map(|point| point.level);
+            let range = levels().reduce(f64::max).zip(levels().reduce(f64::min));
+            let is_constant = range.is_none_or(|(highest, lowest)| highest - lowest <= metric.resolution());
             let not_its = is_constant && metric != Metric::TrackingError;
             if !never_asked && !not_its {
                 all.push(series);

@@ -48,6 +48,26 @@ fn nights(count: usize, seed: u64, level_m: impl Fn(usize) -> f64) -> Vec<Night>
         .collect()
 }
 
+#[test]
+fn provisioning_that_is_the_same_to_the_millisecond_is_no_series_of_its_own() {
+    let with = |took_ms: [u32; 6]| {
+        let mut all = nights(took_ms.len(), 1, |_| USUAL_M);
+        for (night, ms) in all.iter_mut().zip(took_ms) {
+            let measured = night.scenarios.get_mut(SCENARIO).unwrap();
+            measured
+                .values
+                .insert(Metric::Provisioning, vec![f64::from(ms) / 1e3]);
+        }
+        let metrics: Vec<Metric> = series_of(&all).iter().map(|series| series.metric).collect();
+        metrics
+    };
+    assert_eq!(with([1, 1, 1, 1, 1, 2]), [Metric::TrackingError]);
+    assert_eq!(
+        with([1, 1, 1, 1, 1, 90]),
+        [Metric::TrackingError, Metric::Provisioning]
+    );
+}
+
 fn without_windows(night: &mut Night, lack: Lack) {
     let measured = night.scenarios.get_mut(SCENARIO).unwrap();
     measured.values.clear();
