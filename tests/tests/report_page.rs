@@ -61,12 +61,12 @@ fn made_up() -> &'static Report {
     })
 }
 
-/// Of the run that was recorded once, natively and in Docker.
+/// Of the run that was recorded once, natively and in Docker, with captures.
 fn recorded() -> &'static Report {
     static RECORDED: OnceLock<Report> = OnceLock::new();
     RECORDED.get_or_init(|| {
         let workplace = Workplace::new();
-        let fixture = concat!(env!("CARGO_MANIFEST_DIR"), "/fixtures/run-format-1");
+        let fixture = concat!(env!("CARGO_MANIFEST_DIR"), "/fixtures/recorded");
         let copied = Command::new("cp")
             .args(["-r", fixture, "run"])
             .current_dir(workplace.path())
