@@ -19,6 +19,7 @@ pub mod drift;
 pub mod effect;
 pub mod energy;
 pub mod family;
+mod fields;
 pub mod figure;
 pub mod health;
 pub mod ks;

@@ -2,12 +2,10 @@
 //! workload differ whatever they ran on, so that a difference between them says nothing of the platform. The main type is
 //! [`Unlike`].
 
-use std::collections::BTreeSet;
-
 use serde_json::{Value, json};
 use workload::settings::Settings;
 
-use crate::run::ScenarioRun;
+use crate::{fields, run::ScenarioRun};
 
 /// Two scenarios that did not run the same experiment.
 #[derive(Debug, Clone, PartialEq, Eq)]
@@ -107,29 +105,10 @@ fn program(scenario: &ScenarioRun) -> Value {
 /// The dotted paths of all fields that are not the same. What one of them does not have, such as an environment's record, is
 /// none.
 fn differing(first: &Value, second: &Value) -> Vec<String> {
-    let mut fields = Vec::new();
-    note("", first, second, &mut fields);
-    fields
-}
-
-fn note(path: &str, first: &Value, second: &Value, fields: &mut Vec<String>) {
-    match (first, second) {
-        (Value::Object(a), Value::Object(b)) => {
-            let names: BTreeSet<&String> = a.keys().filter(|name| b.contains_key(*name)).collect();
-            for name in names {
-                let path = match path {
-                    "" => name.clone(),
-                    path => format!("{path}.{name}"),
-                };
-                if let Some((a, b)) = a.get(name).zip(b.get(name)) {
-                    note(&path, a, b, fields);
-                }
-            }
-        }
-        (Value::Null, _) | (_, Value::Null) => {}
-        (a, b) if a == b => {}
-        _ => fields.push(path.to_owned()),
-    }
+    let both_known = fields::differing(first, second)
+        .into_iter()
+        .filter(|(_, a, b)| !a.is_null() && !b.is_null());
+    both_known.map(|(field, ..)| field).collect()
 }
 
 #[cfg(test)]

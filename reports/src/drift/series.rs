@@ -2,10 +2,8 @@
 
 use std::collections::BTreeSet;
 
-use serde_json::Value;
-
 use super::{Lack, Metric, Night, night::Measured};
-use crate::{effect::median, run_directory::Difference};
+use crate::{effect::median, fields::differing, run_directory::Difference};
 
 /// What one scenario and metric came to, night after night.
 #[derive(Debug, Clone, PartialEq)]
@@ -141,8 +139,10 @@ pub(super) fn level_of(points: &[Point<'_>]) -> f64 {
 impl Cause {
     /// What is not the same of a night and a later one.
     pub(super) fn between(before: &Measured, since: &Measured) -> Self {
-        let mut fields = Vec::new();
-        differing("", &before.configuration, &since.configuration, &mut fields);
+        let fields: Vec<String> = differing(&before.configuration, &since.configuration)
+            .into_iter()
+            .map(|(field, ..)| field)
+            .collect();
         if !fields.is_empty() {
             return Self::Configuration(fields);
         }
@@ -156,24 +156,5 @@ impl Cause {
             true => Self::Unexplained,
             false => Self::Infrastructure(differences),
         }
-    }
-}
-
-/// The dotted paths of all fields that are not the same.
-fn differing(path: &str, before: &Value, since: &Value, fields: &mut Vec<String>) {
-    match (before, since) {
-        (Value::Object(a), Value::Object(b)) => {
-            let names: BTreeSet<&String> = a.keys().chain(b.keys()).collect();
-            for name in names {
-                let path = match path {
-                    "" => name.clone(),
-                    path => format!("{path}.{name}"),
-                };
-                let of = |map: &serde_json::Map<String, Value>| map.get(name).cloned().unwrap_or_default();
-                differing(&path, &of(a), &of(b), fields);
-            }
-        }
-        (a, b) if a == b => {}
-        _ => fields.push(path.to_owned()),
     }
 }
