@@ -3,6 +3,9 @@
 //! look significant. The main type is [`Family`].
 
 use serde::{Deserialize, Deserializer, Serialize, Serializer, de};
+use serde_json::{Map, Value};
+
+use crate::report::{VIRTUALIZATION, text_of};
 
 /// A declared family.
 #[derive(Debug, Clone, Default, PartialEq, Eq)]
@@ -55,6 +58,20 @@ impl Family {
             .collect()
     }
 
+    /// Those of them that are asked about: scenarios that are not to run the same experiment, as `is_unlike` says of two places,
+    /// only if they are named.
+    #[must_use]
+    pub fn asked(
+        &self,
+        members: &[Member<'_>],
+        is_unlike: impl Fn(usize, usize) -> bool,
+    ) -> Vec<(usize, usize)> {
+        let is_named = matches!(self, Self::Pairs(_));
+        let mut pairs = self.pairs(members);
+        pairs.retain(|(a, b)| is_named || !is_unlike(*a, *b));
+        pairs
+    }
+
     fn has(&self, a: &Member<'_>, b: &Member<'_>) -> bool {
         match self {
             Self::All => true,
@@ -90,7 +107,21 @@ impl Family {
     }
 }
 
-impl Member<'_> {
+impl<'a> Member<'a> {
+    /// A scenario with these axes, by its letter and slug.
+    #[must_use]
+    pub fn new(id: &'a str, slug: &'a str, is_control: bool, axes: &'a Map<String, Value>) -> Self {
+        let platform = axes.iter().filter(|(axis, _)| *axis != VIRTUALIZATION);
+        Self {
+            id,
+            slug,
+            is_control,
+            platform: platform
+                .map(|(axis, value)| (axis.as_str(), text_of(value)))
+                .collect(),
+        }
+    }
+
     fn is(&self, name: &str) -> bool {
         self.id == name || self.slug == name
     }

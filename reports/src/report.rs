@@ -250,30 +250,19 @@ fn family_pairs(
     unlike: &[Unlike],
     settings: &ReportSettings,
 ) -> Vec<(String, String)> {
-    let members: Vec<Member<'_>> = scenarios.iter().map(Member::of).collect();
-    let is_named = matches!(settings.family, Family::Pairs(_));
-    let pairs = settings.family.pairs(&members).into_iter();
-    pairs
-        .filter_map(|(a, b)| Some((members.get(a)?.id, members.get(b)?.id)))
-        .filter(|(a, b)| is_named || !unlike.iter().any(|unlike| unlike.is_of(a, b)))
+    let members: Vec<Member<'_>> = scenarios
+        .iter()
+        .map(|scenario| Member::new(&scenario.id, &scenario.slug, scenario.is_control, &scenario.axes))
+        .collect();
+    let letters = |(a, b): (usize, usize)| Some((members.get(a)?.id, members.get(b)?.id));
+    let is_unlike = |a: usize, b: usize| {
+        letters((a, b)).is_some_and(|(a, b)| unlike.iter().any(|unlike| unlike.is_of(a, b)))
+    };
+    let asked = settings.family.asked(&members, is_unlike).into_iter();
+    asked
+        .filter_map(letters)
         .map(|(a, b)| (a.to_owned(), b.to_owned()))
         .collect()
-}
-
-impl<'a> Member<'a> {
-    fn of(scenario: &'a ScenarioReport) -> Self {
-        Self {
-            id: &scenario.id,
-            slug: &scenario.slug,
-            is_control: scenario.is_control,
-            platform: scenario
-                .axes
-                .iter()
-                .filter(|(axis, _)| *axis != VIRTUALIZATION)
-                .map(|(axis, value)| (axis.as_str(), text_of(value)))
-                .collect(),
-        }
-    }
 }
 
 impl Report {

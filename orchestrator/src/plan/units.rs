@@ -2,11 +2,7 @@
 //! and the shift that would be found, given how much window levels spread. The main type is [`WindowDesign`].
 
 use reports::{
-    family::{Family, Member},
-    permutation::smallest_p,
-    power,
-    run_directory::PlannedScenario,
-    settings::ReportSettings,
+    family::Member, permutation::smallest_p, power, run_directory::PlannedScenario, settings::ReportSettings,
     setup::differing_settings,
 };
 use serde::Serialize;
@@ -39,30 +35,16 @@ impl WindowDesign {
         let running: Vec<&PlannedScenario> = scenarios.iter().filter(|scenario| scenario.runs()).collect();
         let members: Vec<Member<'_>> = running
             .iter()
-            .map(|scenario| Member {
-                id: &scenario.id,
-                slug: &scenario.slug,
-                is_control: settings.is_control(scenario),
-                platform: scenario
-                    .axes
-                    .keys()
-                    .filter(|axis| *axis != "virtualization")
-                    .filter_map(|axis| Some((axis.as_str(), scenario.axis(axis)?)))
-                    .collect(),
+            .map(|scenario| {
+                let is_control = settings.is_control(scenario);
+                Member::new(&scenario.id, &scenario.slug, is_control, &scenario.axes)
             })
             .collect();
-        // As the report has it: those that are not to run the same experiment are in the family only if they are named.
-        let is_named = matches!(settings.family, Family::Pairs(_));
-        let is_asked = |(a, b): &(usize, usize)| match (running.get(*a), running.get(*b)) {
-            (Some(a), Some(b)) => is_named || differing_settings(&a.settings, &b.settings).is_empty(),
+        let is_unlike = |a: usize, b: usize| match (running.get(a), running.get(b)) {
+            (Some(a), Some(b)) => !differing_settings(&a.settings, &b.settings).is_empty(),
             _ => false,
         };
-        let pairs = settings
-            .family
-            .pairs(&members)
-            .into_iter()
-            .filter(is_asked)
-            .count();
+        let pairs = settings.family.asked(&members, is_unlike).len();
         let windows = running.iter().map(|scenario| scenario.settings.windows).min()?;
         if pairs == 0 {
             return None;
