@@ -6,14 +6,7 @@
 
 #![allow(clippy::unwrap_used, clippy::print_stdout)] // As in tests; and a benchmark prints.
 
-use std::{
-    env, fs,
-    hint::black_box,
-    io::Write as _,
-    path::Path,
-    process::Command,
-    time::{Duration, Instant},
-};
+use std::{env, fs, hint::black_box, io::Write as _, path::Path, process::Command, time::Duration};
 
 use reports::{
     comparison::{compare, pairs_of},
@@ -21,6 +14,9 @@ use reports::{
     sample::Sample,
     settings::ReportSettings,
 };
+use timing::{median, time};
+
+mod timing;
 
 const WINDOWS: usize = 1000;
 const VALUES: usize = 60;
@@ -195,17 +191,6 @@ fn write(windows: &[Vec<f64>], path: &Path) {
         let line: Vec<String> = window.iter().map(f64::to_string).collect();
         writeln!(file, "{}", line.join(",")).unwrap();
     }
-}
-
-fn time<T>(work: impl FnOnce() -> T) -> Duration {
-    let begin = Instant::now();
-    black_box(work());
-    begin.elapsed()
-}
-
-fn median(mut times: Vec<Duration>) -> Duration {
-    times.sort();
-    times[times.len() / 2]
 }
 
 fn most_memory_mb() -> u64 {

@@ -12,16 +12,18 @@ use std::{
     io::{BufRead, BufReader},
     path::{Path, PathBuf},
     process::Command,
-    time::{Duration, Instant},
+    time::Duration,
 };
 
 use serde_json::json;
 use sha2::{Digest, Sha256};
 use synthetic::{Scenario, Synthetic};
+use timing::{median, time};
 use workload::record::control_log::ControlRow;
 
 #[path = "../tests/reports/synthetic.rs"]
 mod synthetic;
+mod timing;
 
 const SLUGS: [&str; 9] = [
     "a-a-native",
@@ -153,15 +155,4 @@ fn hashed(path: &Path) -> usize {
         let read = block.len();
         reader.consume(read);
     }
-}
-
-fn time<T>(work: impl FnOnce() -> T) -> Duration {
-    let begin = Instant::now();
-    black_box(work());
-    begin.elapsed()
-}
-
-fn median(mut times: Vec<Duration>) -> Duration {
-    times.sort();
-    times[times.len() / 2]
 }

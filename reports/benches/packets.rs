@@ -11,7 +11,7 @@ use std::{
     hint::black_box,
     path::{Path, PathBuf},
     process::Command,
-    time::{Duration, Instant},
+    time::Duration,
 };
 
 use etherparse::{PacketBuilder, TcpOptionElement};
@@ -20,6 +20,7 @@ use pcap_file::{
     pcap::{PcapHeader, PcapPacket, PcapWriter},
 };
 use synthetic::{Scenario, Synthetic};
+use timing::{median, time};
 use workload::{
     record::window::{CaptureRecord, FileRecord},
     virtual_host::VirtualHost,
@@ -27,6 +28,7 @@ use workload::{
 
 #[path = "../tests/reports/synthetic.rs"]
 mod synthetic;
+mod timing;
 
 const STEPS: u64 = 300_000;
 const STEP_NS: u64 = 20_000_000;
@@ -68,7 +70,7 @@ fn main() {
         .counted()
         .map(|(_, record, _)| record.captures.iter().map(|capture| capture.packets).sum::<u64>())
         .sum();
-    let (ours, theirs) = (median(ours), median(theirs));
+    let (ours, theirs) = (median(ours).as_secs_f64(), median(theirs).as_secs_f64());
     println!("{packets} packets in two captures of one window, {lost} lost; medians of {ROUNDS} rounds");
     let row = |name: &str, took: f64| {
         println!(
@@ -203,15 +205,4 @@ fn tshark(capture: &Path) {
         String::from_utf8_lossy(&output.stderr)
     );
     black_box(output.stdout);
-}
-
-fn time<T>(work: impl FnOnce() -> T) -> f64 {
-    let begun = Instant::now();
-    black_box(work());
-    begun.elapsed().as_secs_f64()
-}
-
-fn median(mut seconds: Vec<f64>) -> f64 {
-    seconds.sort_by(f64::total_cmp);
-    seconds[seconds.len() / 2]
 }
