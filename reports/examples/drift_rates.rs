@@ -13,7 +13,7 @@ use std::collections::BTreeMap;
 
 use rayon::prelude::*;
 use reports::{
-    drift::{Metric, Night, Settings, Verdict, history, night::Measured},
+    drift::{Metric, Night, Settings, Verdict, baseline, history, night::Measured},
     simulation::Noise,
 };
 use serde_json::Value;
@@ -25,18 +25,38 @@ const FIRST: usize = 14;
 /// Of the two tables.
 const YEARS: u64 = 10;
 const HISTORIES: u64 = 100;
+const CANDIDATES: u64 = 2000;
+
+/// What nights are like.
+#[derive(Debug, Clone, Copy)]
+enum Tails {
+    Normal,
+    /// Of Student's t with 3 degrees of freedom.
+    Heavy,
+}
+
+const NIGHTS: [(&str, Tails); 2] = [("normal", Tails::Normal), ("heavy tails", Tails::Heavy)];
 
 fn main() {
+    years();
+    jumps();
+    baselines();
+}
+
+fn years() {
     println!(
         "| nights | changes told in a year of {SCENARIOS} scenarios, of which none is there |\n|---|---:|"
     );
-    for (name, tails) in [("normal", false), ("heavy tails", true)] {
+    for (name, tails) in NIGHTS {
         let told: usize = (0..YEARS)
             .into_par_iter()
             .map(|year| told_in_a_year(year, tails))
             .sum();
         println!("| {name} | {:.2} |", told as f64 / YEARS as f64);
     }
+}
+
+fn jumps() {
     println!(
         "\n| jump, in standard deviations of nights | told in its night | within 5 nights | within 20 |\n|---:|---:|---:|---:|"
     );
@@ -58,8 +78,44 @@ fn main() {
     }
 }
 
+/// One candidate, with all its scenarios, against so many nights.
+fn baselines() {
+    println!("\n| runs of the baseline | nights | alike | 5 off | 10 off | 20 off |\n|---:|---|---:|---:|---:|---:|");
+    for nights in [4, 6, 10, 20, 60] {
+        for (name, tails) in NIGHTS {
+            let told = |jump: f64| {
+                let drifts = (0..CANDIDATES)
+                    .into_par_iter()
+                    .filter(|seed| is_told(*seed, nights, tails, jump))
+                    .count();
+                100.0 * drifts as f64 / CANDIDATES as f64
+            };
+            println!(
+                "| {nights} | {name} | {:.1} % | {:.0} % | {:.0} % | {:.0} % |",
+                told(0.0),
+                told(5.0),
+                told(10.0),
+                told(20.0)
+            );
+        }
+    }
+}
+
+/// Whether a candidate is told, of which one scenario is off by a jump.
+fn is_told(seed: u64, nights: usize, tails: Tails, jump: f64) -> bool {
+    let mut noise = Noise::new(20_000 + seed);
+    let all: Vec<Night> = (0..=nights)
+        .map(|number| {
+            let mut levels: Vec<f64> = (0..SCENARIOS).map(|_| value(&mut noise, tails)).collect();
+            levels[0] += if number == nights { jump } else { 0.0 };
+            night(number, levels)
+        })
+        .collect();
+    baseline::judge(&all, &Settings::default()).verdict() == Verdict::Drift
+}
+
 /// New changes in a year of nights that are alike: a change that was told the night before is not new.
-fn told_in_a_year(seed: u64, tails: bool) -> usize {
+fn told_in_a_year(seed: u64, tails: Tails) -> usize {
     let mut noise = Noise::new(seed);
     let all: Vec<Night> = (0..YEAR)
         .map(|number| night(number, (0..SCENARIOS).map(|_| value(&mut noise, tails)).collect()))
@@ -104,13 +160,15 @@ fn delay(seed: u64, jump: f64) -> Option<usize> {
 }
 
 /// Of standard deviation 1.
-fn value(noise: &mut Noise, tails: bool) -> f64 {
+fn value(noise: &mut Noise, tails: Tails) -> f64 {
     let normal = noise.normal();
-    if !tails {
-        return normal;
+    match tails {
+        Tails::Normal => normal,
+        Tails::Heavy => {
+            let chi_squared: f64 = (0..3).map(|_| noise.normal().powi(2)).sum();
+            normal / (chi_squared / 3.0).sqrt() / 3.0_f64.sqrt()
+        }
     }
-    let chi_squared: f64 = (0..3).map(|_| noise.normal().powi(2)).sum();
-    normal / (chi_squared / 3.0).sqrt() / 3.0_f64.sqrt()
 }
 
 fn night(number: usize, levels: Vec<f64>) -> Night {

@@ -1,7 +1,7 @@
 //! All pairs of windows compared, within each scenario and between each two: the counts that the paper tables. The main
 //! types are [`Comparison`] and [`Tally`], made by [`compare`].
 
-use std::{borrow::Cow, collections::BTreeMap};
+use std::{borrow::Cow, collections::BTreeMap, sync::Arc};
 
 use crate::{
     ks::{KsTest, Pool, Procedure},
@@ -15,12 +15,12 @@ pub const LISTED: usize = 500_000;
 /// One test of one window against another.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Comparison {
-    /// Letter of the first scenario.
-    pub a: String,
+    /// Letter of the first scenario. Half a million comparisons share the letters of a thousand.
+    pub a: Arc<str>,
     /// Its window.
     pub a_window: u32,
     /// Letter of the second scenario; the same one within a scenario.
-    pub b: String,
+    pub b: Arc<str>,
     /// Its window.
     pub b_window: u32,
     /// The test's result.
@@ -116,6 +116,10 @@ fn compare_windows(windows: &[WindowValues<'_>], settings: &ReportSettings, list
         row
     });
 
+    let letters: Vec<Arc<str>> = scenarios
+        .iter()
+        .filter_map(|windows| Some(windows.first()?.scenario.into()))
+        .collect();
     let mut comparisons = Vec::with_capacity(rows.iter().map(|row| row.tests.len()).sum());
     let mut counts: BTreeMap<(usize, usize), Count> = BTreeMap::new();
     for (first, row) in rows.into_iter().enumerate() {
@@ -123,21 +127,19 @@ fn compare_windows(windows: &[WindowValues<'_>], settings: &ReportSettings, list
             counts.entry((number[first], second)).or_default().add(&count);
         }
         for (second, test) in (first + 1..).zip(row.tests) {
-            let (first, second) = (&windows[first], &windows[second]);
             comparisons.push(Comparison {
-                a: first.scenario.to_owned(),
-                a_window: first.window,
-                b: second.scenario.to_owned(),
-                b_window: second.window,
+                a: Arc::clone(&letters[number[first]]),
+                a_window: windows[first].window,
+                b: Arc::clone(&letters[number[second]]),
+                b_window: windows[second].window,
                 rejected: test.p < settings.alpha,
                 test,
             });
         }
     }
-    let letter = |number: usize| scenarios[number][0].scenario.to_owned();
     let tallies = counts.into_iter().map(|((a, b), count)| Tally {
-        a: letter(a),
-        b: letter(b),
+        a: letters[a].to_string(),
+        b: letters[b].to_string(),
         pairs: count.pairs,
         rejected: count.rejected,
         in_the_limit: count.in_the_limit,

@@ -16,7 +16,7 @@ use crate::{
     run::{BrokenWindow, Ending, Run, ScenarioRun, Window, WindowState},
     run_directory::{Difference, EnvironmentRecord, Outcome},
     sample::{Sample, samples},
-    settings::ReportSettings,
+    settings::{ReportSettings, WarmUp},
     setup::Unlike,
     table::{self, Table},
     traffic::{self, Explanation, Traffic, TrafficTally},
@@ -226,7 +226,7 @@ pub fn analyse(run: &Run, traffic: Traffic, settings: &ReportSettings) -> Report
         run: run.manifest.run.clone(),
         created: run.manifest.created.clone(),
         settings: settings.clone(),
-        traffic_tallies: traffic::compared(&traffic, settings),
+        traffic_tallies: traffic::compared(&traffic, &samples, settings),
         explanations: traffic::explanations(&contrasts.pairs, &samples, &traffic, settings),
         traffic,
         unlike,
@@ -307,12 +307,17 @@ impl Report {
             alpha,
             metric,
             discard_periods,
+            warm_up,
             ..
         } = &self.settings;
         let discarded = match discard_periods {
             0 => "no period left out".to_owned(),
             1 => "the first period of each run left out".to_owned(),
             many => format!("the first {many} periods of each run left out"),
+        };
+        let cut = match warm_up {
+            WarmUp::Flag => "",
+            WarmUp::Cut => ", and those in which a window warms up (MSER)",
         };
         let in_the_limit: usize = self.tallies.iter().map(|tally| tally.in_the_limit).sum();
         let test = match (self.settings.method, in_the_limit) {
@@ -324,7 +329,7 @@ impl Report {
             }
         };
         format!(
-            "Metric: {} over each period, in metres, {discarded}. Test: two-sample Kolmogorov-Smirnov, {test}; \
+            "Metric: {} over each period, in metres, {discarded}{cut}. Test: two-sample Kolmogorov-Smirnov, {test}; \
              rejected at p < {alpha}.",
             metric.formula()
         )

@@ -1,9 +1,12 @@
 //! The sample of a window: one error a period, in the metric of the settings. The main type is [`Sample`].
 
+use workload::record::window::WindowRecord;
+
 use crate::{
     run::Run,
-    run_directory::PeriodError,
-    settings::{Metric, ReportSettings},
+    run_directory::{ControlTrace, PeriodError, SLICES},
+    settings::{Metric, ReportSettings, WarmUp},
+    steadiness,
 };
 
 /// The period errors of one window that counts.
@@ -26,17 +29,29 @@ pub fn samples(run: &Run, settings: &ReportSettings) -> Vec<Sample> {
         .iter()
         .flat_map(|scenario| scenario.counted().map(move |counted| (scenario, counted)))
         .map(|(scenario, (window, record, trace))| {
-            let discarded = settings.discarded(record.starts_run);
-            let counted = trace.periods.iter().skip(discarded as usize);
+            let left_out = left_out(record, trace, settings);
+            let counted = trace.periods.iter().skip(left_out as usize);
             Sample {
                 scenario: scenario.planned.id.clone(),
                 window,
-                first_period: discarded.saturating_add(1),
+                first_period: left_out.saturating_add(1),
                 errors_m: counted.map(|period| settings.metric.of(period)).collect(),
             }
         })
         .filter(|sample| !sample.errors_m.is_empty())
         .collect()
+}
+
+/// How many periods at a window's start are not in its sample.
+fn left_out(record: &WindowRecord, trace: &ControlTrace, settings: &ReportSettings) -> u32 {
+    let discarded = settings.discarded(record.starts_run);
+    discarded.saturating_add(match settings.warm_up {
+        WarmUp::Flag => 0,
+        WarmUp::Cut => {
+            let slices = trace.slices_m.get(discarded as usize * SLICES..).unwrap_or_default();
+            steadiness::warm_up(slices, SLICES).map_or(0, |periods| periods.ceil() as u32)
+        }
+    })
 }
 
 impl Metric {

@@ -20,6 +20,9 @@ pub struct ReportSettings {
     pub metric: Metric,
     /// Periods left out at the start of each run of the loop, where it begins with the transient.
     pub discard_periods: u32,
+    /// What is done about a window that warms up for longer than that.
+    #[serde(skip_serializing_if = "WarmUp::is_default")]
+    pub warm_up: WarmUp,
     /// The scenarios that are the experimental controls, by axis values.
     pub control: BTreeMap<String, String>,
     /// Pairs of scenarios to draw, by letter or slug; the controls against the others when left out.
@@ -64,12 +67,32 @@ impl Default for ReportSettings {
             method: Method::Exact,
             metric: Metric::MeanAbsSum,
             discard_periods: 1,
+            warm_up: WarmUp::default(),
             control: BTreeMap::from([("virtualization".to_owned(), "native".to_owned())]),
             figures: Vec::new(),
             family: Family::default(),
             matters: None,
             seed: 0,
         }
+    }
+}
+
+/// What is done about a window that warms up beyond the periods that are left out anyway ([`crate::steadiness`]).
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
+#[serde(rename_all = "kebab-case")]
+pub enum WarmUp {
+    /// It is said, and nothing is cut for it.
+    #[default]
+    Flag,
+    /// Its periods are left out of the sample, and that is said.
+    Cut,
+}
+
+impl WarmUp {
+    #[expect(clippy::trivially_copy_pass_by_ref, reason = "serde passes a reference")]
+    fn is_default(&self) -> bool {
+        *self == Self::default()
     }
 }
 

@@ -1,5 +1,5 @@
-//! Whether a window is steady: how long it warms up, and whether its level changes on the way. What is found is said and
-//! nothing is cut for it. The main type is [`Steadiness`].
+//! Whether a window is steady: how long it warms up, and whether its level changes on the way. What is found is said; a
+//! warm-up is cut only if the settings ask for it ([`crate::settings::WarmUp`]). The main type is [`Steadiness`].
 //!
 //! - **Warm-up** by MSER (White, *An effective truncation heuristic for bias reduction in simulation output*, 1997): the
 //!   d that minimises Σ_{i ≥ d} (x_i − x̄_d)² / (n − d)², over slices of a period, so that a transient shorter than a period
@@ -56,7 +56,9 @@ impl Steadiness {
 /// MSER to be told: MSER alone nearly always finds some slices to cut in steady noise.
 const LEAST_LEVEL: f64 = 3.0;
 
-fn warm_up(slices: &[f64], per_period: usize) -> Option<f64> {
+/// How many periods a window of such `slices` warms up for, where that is longer than chance makes it.
+#[must_use]
+pub fn warm_up(slices: &[f64], per_period: usize) -> Option<f64> {
     if per_period == 0 || slices.len() < 4 * per_period {
         return None;
     }

@@ -38,6 +38,7 @@ use self::{direction::Directions, window::WindowTally};
 use crate::{
     packets::{CaptureReadError, CapturedWindow, Segment, Stretch, Topic},
     run::{Run, ScenarioRun, WindowState},
+    sample::Sample,
 };
 
 /// What the captures of a run say, by the scenarios' letters.
@@ -45,6 +46,21 @@ use crate::{
 pub struct Traffic {
     /// Those with captures.
     pub scenarios: BTreeMap<String, ScenarioTraffic>,
+}
+
+impl Traffic {
+    /// The windows of which there are both captures and a sample, in the order of the samples.
+    #[must_use]
+    pub fn sampled<'a>(&'a self, samples: &'a [Sample]) -> Vec<(&'a WindowTraffic, &'a Sample)> {
+        let captured = |sample: &Sample| {
+            let mut windows = self.scenarios.get(&sample.scenario)?.windows.iter();
+            windows.find(|window| window.window == sample.window)
+        };
+        samples
+            .iter()
+            .filter_map(|sample| Some((captured(sample)?, sample)))
+            .collect()
+    }
 }
 
 /// What the captures of a scenario say.

@@ -11,7 +11,9 @@ use crate::{
 pub struct WithinWindows {
     /// How values depend on each other; none where no two differ.
     pub dependence: Option<Dependence>,
-    /// The windows that are not steady, by number.
+    /// How many periods were cut of which windows, because these warmed up; only if that was asked for.
+    pub cut: Vec<(u32, u32)>,
+    /// The windows of which what is left is not steady, by number.
     pub unsteady: Vec<(u32, Steadiness)>,
 }
 
@@ -29,18 +31,29 @@ impl WithinWindows {
         let windows: Vec<&[f64]> = samples.iter().map(|sample| sample.errors_m.as_slice()).collect();
         let dependence = Dependence::of(&windows);
         let block = dependence.as_ref().map_or(1, Dependence::block);
-        let unsteady = samples
-            .iter()
-            .filter_map(|sample| {
-                let (_, _, trace) = scenario
-                    .counted()
-                    .find(|(number, _, _)| *number == sample.window)?;
-                let left_out = (sample.first_period as usize - 1) * SLICES;
-                let slices = trace.slices_m.get(left_out..).unwrap_or_default();
-                let found = Steadiness::of(slices, SLICES, &sample.errors_m, block, settings.seed);
-                (!found.is_steady()).then_some((sample.window, found))
-            })
-            .collect();
-        Some(Self { dependence, unsteady })
+        let (mut cut, mut unsteady) = (Vec::new(), Vec::new());
+        for sample in samples {
+            let Some((number, record, trace)) = scenario
+                .counted()
+                .find(|(number, _, _)| *number == sample.window)
+            else {
+                continue;
+            };
+            let left_out = sample.first_period.saturating_sub(1);
+            match left_out.saturating_sub(settings.discarded(record.starts_run)) {
+                0 => {}
+                periods => cut.push((number, periods)),
+            }
+            let slices = trace.slices_m.get(left_out as usize * SLICES..).unwrap_or_default();
+            let found = Steadiness::of(slices, SLICES, &sample.errors_m, block, settings.seed);
+            if !found.is_steady() {
+                unsteady.push((number, found));
+            }
+        }
+        Some(Self {
+            dependence,
+            cut,
+            unsteady,
+        })
     }
 }

@@ -3,7 +3,12 @@
 use std::path::PathBuf;
 
 use clap::Args;
-use reports::{ReadError, run_directory::RunDirectory, settings::Metric};
+use reports::{
+    ReadError,
+    run_directory::RunDirectory,
+    settings::{Metric, WarmUp},
+};
+use serde::de::DeserializeOwned;
 
 use crate::{
     arguments::OutputArguments,
@@ -21,16 +26,20 @@ pub struct ReportArguments {
     #[arg(long)]
     alpha: Option<f64>,
     /// Another metric than the matrix file's: mean-abs-sum, mean-abs-x, mean-abs-y, mean-distance, root-mean-square.
-    #[arg(long, value_parser = metric)]
+    #[arg(long, value_parser = spelt::<Metric>)]
     metric: Option<Metric>,
     /// Another number of first periods to leave out than the matrix file's.
     #[arg(long, value_name = "N")]
     discard_periods: Option<u32>,
+    /// What to do about windows that warm up for longer: flag, cut.
+    #[arg(long, value_name = "WHAT", value_parser = spelt::<WarmUp>)]
+    warm_up: Option<WarmUp>,
     #[command(flatten)]
     pub(crate) output: OutputArguments,
 }
 
-fn metric(name: &str) -> Result<Metric, String> {
+/// As the matrix file spells it.
+fn spelt<T: DeserializeOwned>(name: &str) -> Result<T, String> {
     serde_json::from_value(serde_json::Value::String(name.to_owned())).map_err(|error| error.to_string())
 }
 
@@ -53,6 +62,7 @@ pub fn execute(arguments: &ReportArguments) -> Result<Exit, Complaint> {
     }
     settings.metric = arguments.metric.unwrap_or(settings.metric);
     settings.discard_periods = arguments.discard_periods.unwrap_or(settings.discard_periods);
+    settings.warm_up = arguments.warm_up.unwrap_or(settings.warm_up);
     let report = reports::analyse(&run, reports::traffic::read(&run), &settings);
     reports::write(&run, &report)
         .map_err(|error| Complaint::new(Exit::Infrastructure, &error, Some(error.hint().to_owned())))?;
@@ -74,6 +84,7 @@ pub fn after_run(directory: &RunDirectory, exit: Exit, output: OutputArguments) 
         alpha: None,
         metric: None,
         discard_periods: None,
+        warm_up: None,
         output,
     })?;
     if !output.quiet {

@@ -1,93 +1,15 @@
-//! A night against others that were chosen as the baseline. The main functions are [`judge`] and [`Expectation::of`].
+//! A night against others that were chosen as the baseline. The main function is [`judge`].
 //!
-//! With four nights or more, the new one is held against Student's prediction interval for one more night (Hahn, *Factors
-//! for calculating two-sided prediction intervals for samples from a normal distribution*, JASA 64, 1969):
-//!
-//! ```text
-//! T = |x − mean| / (s · √(1/k + 1/n))        t with n − 1 degrees of freedom; x the mean of k nights, here one
-//! ```
-//!
-//! With fewer, how much nights differ anyway cannot be known. Then the windows are the units, in the exact permutation test
-//! of means, and the report says what that is blind to.
-
-use statrs::distribution::{ContinuousCDF, StudentsT};
+//! With four nights or more, the new one is held against what these predict of one more ([`Prediction`]). With fewer, how much
+//! nights differ anyway cannot be known. Then the windows are the units, in the exact permutation test of means, and the
+//! report says what that is blind to.
 
 use super::{
-    Cause, Drift, Finding, Judgement, Kind, Lack, Metric, Night, Settings, Verdict,
-    series::{Point, Series, level_of, remarks, series_of},
+    Cause, Drift, Finding, Judgement, Kind, Metric, Night, Settings, Verdict,
+    prediction::{FEWEST_NIGHTS, Prediction},
+    series::{Point, Series, lacking, level_of, remarks, series_of},
 };
 use crate::{multiplicity::holm, permutation, power, relabelling::Effort};
-
-/// The fewest nights that say how much nights differ.
-pub const FEWEST_NIGHTS: usize = 4;
-
-/// What more nights are expected to be, from those before them.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Expectation {
-    mean: f64,
-    /// The standard deviation of nights.
-    spread: f64,
-    /// How many nights it is from.
-    nights: f64,
-}
-
-impl Expectation {
-    /// From the levels of nights; none of fewer than [`FEWEST_NIGHTS`], or of equal ones.
-    #[must_use]
-    pub fn of(levels: &[f64]) -> Option<Self> {
-        if levels.len() < FEWEST_NIGHTS {
-            return None;
-        }
-        let count = levels.len() as f64;
-        let mean = levels.iter().sum::<f64>() / count;
-        let squares: f64 = levels.iter().map(|level| (level - mean).powi(2)).sum();
-        let spread = (squares / (count - 1.0)).sqrt();
-        // Sums of equal numbers differ by rounding.
-        (spread > mean.abs() * 1e-12).then_some(Self {
-            mean,
-            spread,
-            nights: count,
-        })
-    }
-
-    /// Their mean.
-    pub(super) const fn mean(&self) -> f64 {
-        self.mean
-    }
-
-    /// The standard deviation of nights.
-    pub(super) const fn spread(&self) -> f64 {
-        self.spread
-    }
-
-    /// The probability of nights whose mean is as far off as that of these, or further; 1 of none.
-    #[must_use]
-    pub fn p(&self, newest: &[f64]) -> f64 {
-        if newest.is_empty() {
-            return 1.0;
-        }
-        let mean = newest.iter().sum::<f64>() / newest.len() as f64;
-        let t = (mean - self.mean).abs() / self.deviation(newest.len() as f64);
-        self.student().map_or(1.0, |student| 2.0 * student.sf(t))
-    }
-
-    /// The jump of one night that a test at that level finds with [`power::POWER`].
-    #[must_use]
-    pub fn detectable(&self, level: f64) -> f64 {
-        self.student().map_or(f64::INFINITY, |student| {
-            (student.inverse_cdf(1.0 - level / 2.0) + student.inverse_cdf(power::POWER)) * self.deviation(1.0)
-        })
-    }
-
-    /// The standard deviation of the mean of so many nights from the mean.
-    fn deviation(&self, count: f64) -> f64 {
-        self.spread * (1.0 / count + 1.0 / self.nights).sqrt()
-    }
-
-    fn student(&self) -> Option<StudentsT> {
-        StudentsT::new(0.0, 1.0, self.nights - 1.0).ok()
-    }
-}
 
 /// What a comparison of one series came to, before it is known how many there are.
 struct Comparison {
@@ -141,14 +63,6 @@ pub fn judge(nights: &[Night], settings: &Settings) -> Drift {
     }
 }
 
-/// What a series has to say that has no number tonight.
-pub(super) fn lacking(series: &Series<'_>) -> Option<Verdict> {
-    Some(match series.lack.clone()? {
-        Lack::Invalid(reason) => Verdict::Invalid { reason },
-        Lack::Absent(reason) | Lack::NotAsked(reason) => Verdict::TooLittle { reason },
-    })
-}
-
 fn compare(series: &Series<'_>, level: f64, seed: u64) -> Result<Comparison, Verdict> {
     if let Some(lacking) = lacking(series) {
         return Err(lacking);
@@ -163,14 +77,15 @@ fn compare(series: &Series<'_>, level: f64, seed: u64) -> Result<Comparison, Ver
     };
     let levels: Vec<f64> = before.iter().map(|point| point.level).collect();
     if before.len() >= FEWEST_NIGHTS {
-        let Some(expectation) = Expectation::of(&levels) else {
+        let Some(prediction) = Prediction::of(&levels) else {
             return Err(too_little(
                 "all runs of the baseline have the very same number".to_owned(),
             ));
         };
         return Ok(Comparison {
-            p: expectation.p(&[tonight.level]),
-            detectable: Some(expectation.detectable(level)),
+            // Within what the baseline has seen nothing is off.
+            p: prediction.p(&[tonight.level]).unwrap_or(1.0),
+            detectable: Some(prediction.detectable(level)),
         });
     }
     let values = |point: &Point<'_>| {
@@ -242,33 +157,5 @@ fn judgement(
         verdict,
         nights: series.points.len(),
         findings,
-    }
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn one_more_night_is_expected_where_hahns_factor_says() {
-        // n = 5, s = 1: the 95 % prediction interval is ±t(0.975, 4)·√(6/5) = ±2.776·1.0954 = ±3.04 (Hahn 1969, table 1).
-        let levels = [-1.0, -1.0, 0.0, 1.0, 1.0];
-        let expectation = Expectation::of(&levels).unwrap();
-        let p = expectation.p(&[3.041]);
-        assert!((p - 0.05).abs() < 1e-3, "{p}");
-        assert_eq!((expectation.p(&[0.0]), expectation.p(&[])), (1.0, 1.0));
-        assert!(expectation.p(&[3.0, 3.1]) < p, "two nights say more");
-    }
-
-    #[test]
-    fn nothing_is_expected_of_three_nights_or_of_equal_ones() {
-        assert_eq!(Expectation::of(&[1.0, 2.0, 3.0]), None);
-        assert_eq!(Expectation::of(&[1.0; 9]), None);
-    }
-
-    #[test]
-    fn a_stricter_level_finds_only_larger_jumps() {
-        let expectation = Expectation::of(&[1.0, 2.0, 3.0, 2.0, 1.0, 3.0]).unwrap();
-        assert!(expectation.detectable(0.001) > expectation.detectable(0.01));
     }
 }

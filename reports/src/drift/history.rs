@@ -12,9 +12,9 @@
 
 use super::{
     Cause, Drift, Finding, Judgement, Kind, Night, Prediction, Search, Settings, Statistic, Trend, Verdict,
-    baseline::{FEWEST_NIGHTS, lacking},
     change_points,
-    series::{Point, Series, level_of, remarks, series_of},
+    prediction::FEWEST_NIGHTS,
+    series::{Point, Series, lacking, level_of, remarks, series_of},
 };
 use crate::effect::median;
 

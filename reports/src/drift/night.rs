@@ -186,6 +186,7 @@ fn configuration(run: &Run, scenario: &ScenarioRun) -> Value {
         "provider": run.manifest.providers.get(&provider),
         "metric": run.manifest.report.metric,
         "discard_periods": run.manifest.report.discard_periods,
+        "warm_up": run.manifest.report.warm_up,
     })
 }
 

@@ -11,7 +11,8 @@
 //! ```
 //!
 //! x is the one of the k nights that is least far off. ν is infinite for normal nights, where μ and σ are mean and standard
-//! deviation and S is that of t with n − 1 degrees of freedom (Hahn 1969, as in [`super::baseline`]); else μ and σ fit t with
+//! deviation and S is that of t with n − 1 degrees of freedom (Hahn, *Factors for calculating two-sided prediction intervals for samples from a normal
+//! distribution*, JASA 64, 1969); else μ and σ fit t with
 //! ν degrees of freedom best (by the iteration of Lange, Little and Taylor, *Robust statistical modeling using the t
 //! distribution*, JASA 84, 1989).
 //!
@@ -23,8 +24,10 @@ use statrs::{
     function::factorial::binomial,
 };
 
-use super::baseline::{Expectation, FEWEST_NIGHTS};
 use crate::{effect::median, power};
+
+/// The fewest nights that say how much nights differ.
+pub const FEWEST_NIGHTS: usize = 4;
 
 /// Degrees of freedom of tails that nights may have, heavy to light, each of [`HEAVY`] before any night is seen.
 const TAILS: [f64; 3] = [2.5, 4.0, 8.0];
@@ -62,24 +65,27 @@ impl Prediction {
         if levels.len() < FEWEST_NIGHTS {
             return None;
         }
-        let normal = Expectation::of(levels)?;
         let count = levels.len() as f64;
-        let spread = normal.spread() * ((count - 1.0) / count).sqrt();
-        let one_more = (1.0 + 1.0 / count).sqrt();
+        let mean = levels.iter().sum::<f64>() / count;
+        let spread = (levels.iter().map(|level| (level - mean).powi(2)).sum::<f64>() / count).sqrt();
+        // Sums of equal numbers differ by rounding.
+        if spread <= mean.abs() * 1e-12 {
+            return None;
+        }
+        let (unbiased, one_more) = ((count / (count - 1.0)).sqrt(), (1.0 + 1.0 / count).sqrt());
         let mut found = vec![(
             (1.0 - HEAVY * TAILS.len() as f64).ln() + normal_likelihood(count, spread),
             Kind {
                 weight: 0.0,
-                middle: normal.mean(),
-                scale: normal.spread() * one_more,
+                middle: mean,
+                scale: spread * unbiased * one_more,
                 freedom: count - 1.0,
             },
         )];
         for freedom in TAILS {
-            let (middle, scale) = fitted(levels, freedom, normal.spread());
+            let (middle, scale) = fitted(levels, freedom, spread * unbiased);
             let student = StudentsT::new(middle, scale, freedom).ok()?;
             let likelihood: f64 = levels.iter().map(|level| student.ln_pdf(*level)).sum();
-            let unbiased = (count / (count - 1.0)).sqrt();
             found.push((
                 HEAVY.ln() + likelihood,
                 Kind {
@@ -218,14 +224,25 @@ mod tests {
     }
 
     #[test]
+    fn one_more_normal_night_is_expected_where_hahns_factor_says() {
+        // n = 5, s = 1: the 95 % prediction interval is ±t(0.975, 4)·√(6/5) = ±2.776·1.0954 = ±3.04 (Hahn 1969, table 1).
+        let prediction = Prediction::of(&[-1.0, -1.0, 0.0, 1.0, 1.0]).unwrap();
+        let p = 2.0 * prediction.kinds[0].tail(3.041);
+        assert!((p - 0.05).abs() < 1e-3, "{p}");
+    }
+
+    #[test]
     fn a_long_normal_history_expects_nearly_what_students_interval_does() {
-        let levels = nights(1, 2000);
-        let (prediction, normal) = (
-            Prediction::of(&levels).unwrap(),
-            Expectation::of(&levels).unwrap(),
-        );
-        let (p, normal) = (prediction.p(&[4.5]).unwrap(), normal.p(&[4.5]));
+        let prediction = Prediction::of(&nights(1, 2000)).unwrap();
+        let normal = prediction.kinds[0];
+        let (p, normal) = (prediction.p(&[4.5]).unwrap(), 2.0 * normal.tail(4.5 - normal.middle));
         assert!((1.0..1.5).contains(&(p / normal)), "{p} {normal}");
+    }
+
+    #[test]
+    fn a_stricter_level_finds_only_larger_jumps() {
+        let prediction = Prediction::of(&[1.0, 2.0, 3.0, 2.0, 1.0, 3.0]).unwrap();
+        assert!(prediction.detectable(0.001) > prediction.detectable(0.01));
     }
 
     #[test]

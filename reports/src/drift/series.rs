@@ -2,7 +2,7 @@
 
 use std::collections::BTreeSet;
 
-use super::{Lack, Metric, Night, night::Measured};
+use super::{Lack, Metric, Night, Verdict, night::Measured};
 use crate::{effect::median, fields::differing, run_directory::Difference};
 
 /// What one scenario and metric came to, night after night.
@@ -157,4 +157,12 @@ impl Cause {
             false => Self::Infrastructure(differences),
         }
     }
+}
+
+/// What a series has to say that has no number tonight.
+pub(super) fn lacking(series: &Series<'_>) -> Option<Verdict> {
+    Some(match series.lack.clone()? {
+        Lack::Invalid(reason) => Verdict::Invalid { reason },
+        Lack::Absent(reason) | Lack::NotAsked(reason) => Verdict::TooLittle { reason },
+    })
 }

@@ -24,7 +24,7 @@ pub(super) fn draw(
         return Ok(None);
     };
     // As the comparison has them, which may be the other way round.
-    let (a, b) = if comparison.a == a.id { (a, b) } else { (b, a) };
+    let (a, b) = if *comparison.a == *a.id { (a, b) } else { (b, a) };
     let sorted = |scenario: &str, window| {
         let sample = report
             .samples
@@ -77,7 +77,7 @@ fn median_comparison<'a>(
     a: &ScenarioReport,
     b: &ScenarioReport,
 ) -> Option<&'a Comparison> {
-    let is_of_both = |c: &&Comparison| (c.a == a.id && c.b == b.id) || (c.a == b.id && c.b == a.id);
+    let is_of_both = |c: &&Comparison| (*c.a == *a.id && *c.b == *b.id) || (*c.a == *b.id && *c.b == *a.id);
     let mut comparisons: Vec<&Comparison> = report.comparisons.iter().filter(is_of_both).collect();
     comparisons.sort_by(|first, second| first.test.d.total_cmp(&second.test.d));
     comparisons.get(comparisons.len() / 2).copied()

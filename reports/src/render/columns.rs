@@ -30,10 +30,10 @@ pub(crate) fn comparisons(report: &Report) -> PolarsResult<DataFrame> {
     };
     let unlike = |a: &str, b: &str| unlike(report, a, b);
     df![
-        "a" => column(report, |c| c.a.as_str()),
+        "a" => column(report, |c| &*c.a),
         "a_slug" => column(report, |c| slug(&c.a)),
         "a_window" => column(report, |c| c.a_window),
-        "b" => column(report, |c| c.b.as_str()),
+        "b" => column(report, |c| &*c.b),
         "b_slug" => column(report, |c| slug(&c.b)),
         "b_window" => column(report, |c| c.b_window),
         "n" => column(report, |c| c.test.n as u64),
@@ -62,8 +62,8 @@ pub(crate) fn contrasts(report: &Report) -> PolarsResult<DataFrame> {
     let high = |of: fn(&Effect) -> &Estimate| column(report, move |c| of(&c.effect).interval.map(|i| i.high));
     let unlike = |a: &str, b: &str| unlike(report, a, b);
     df![
-        "a" => column(report, |c| c.a.as_str()),
-        "b" => column(report, |c| c.b.as_str()),
+        "a" => column(report, |c| &*c.a),
+        "b" => column(report, |c| &*c.b),
         "n" => column(report, |c| c.n as u64),
         "m" => column(report, |c| c.m as u64),
         "p" => column(report, |c| c.level.p),

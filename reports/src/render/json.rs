@@ -29,6 +29,7 @@ pub(super) fn render(report: &Report) -> Value {
         "method": settings.method,
         "metric": settings.metric,
         "discard_periods": settings.discard_periods,
+        "warm_up": settings.warm_up,
         "control": settings.control,
         "remarks": report.remarks,
         "scenarios": report.scenarios.iter().map(scenario).collect::<Vec<_>>(),
@@ -99,6 +100,11 @@ fn within(within: &WithinWindows) -> Value {
         "autocorrelation": within.dependence.as_ref().map(|found| &found.autocorrelation),
         "autocorrelation_time_periods": within.dependence.as_ref().map(|found| found.time),
         "effective_n": within.dependence.as_ref().map(|found| found.effective),
+        "cut": within
+            .cut
+            .iter()
+            .map(|(window, periods)| json!({"window": window, "periods": periods}))
+            .collect::<Vec<_>>(),
         "unsteady": within.unsteady.iter().map(|(window, found)| json!({
             "window": window,
             "warm_up_periods": found.warm_up,
@@ -130,9 +136,9 @@ fn comparison(report: &Report, comparison: &Comparison) -> Value {
     let test = &comparison.test;
     let (signed_d, at) = test.signed_d();
     json!({
-        "a": comparison.a,
+        "a": &*comparison.a,
         "a_window": comparison.a_window,
-        "b": comparison.b,
+        "b": &*comparison.b,
         "b_window": comparison.b_window,
         "n": test.n,
         "m": test.m,

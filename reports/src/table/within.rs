@@ -1,7 +1,7 @@
 //! What the values within the windows have to do with each other, and which windows are not steady.
 
 use super::{NO_DATA, Table, clipped, texts};
-use crate::{report::Report, steadiness::CHANGE_LEVEL};
+use crate::{report::Report, settings::WarmUp, steadiness::CHANGE_LEVEL};
 
 pub(super) fn of(report: &Report) -> Table {
     let rows = report
@@ -28,10 +28,21 @@ pub(super) fn of(report: &Report) -> Table {
     let mut notes = vec![format!(
         "Lag 1: correlation of a period's error with the next one's. Time: autocorrelation time in periods, by Geyer's \
          initial positive sequence; so many values are worth one. Unsteady: windows that warm up beyond what is left out \
-         (MSER) or whose level changes (CUSUM, p < {CHANGE_LEVEL}, so about one in a hundred steady ones too). Nothing is \
-         cut for it: `report.discard_periods` does that."
+         (MSER) or whose level changes (CUSUM, p < {CHANGE_LEVEL}, so about one in a hundred steady ones too). {}",
+        match report.settings.warm_up {
+            WarmUp::Flag => "Nothing is cut for it: `report.warm_up: cut` does that.",
+            WarmUp::Cut => "What warms up was cut (`report.warm_up`); a change of level is not.",
+        }
     )];
     for scenario in &report.scenarios {
+        for (window, periods) in scenario.within.iter().flat_map(|within| &within.cut) {
+            let id = &scenario.id;
+            let periods = match periods {
+                1 => "1 period more was".to_owned(),
+                many => format!("{many} periods more were"),
+            };
+            notes.push(format!("{id} window {window}: warmed up, {periods} cut."));
+        }
         for (window, found) in scenario.within.iter().flat_map(|within| &within.unsteady) {
             let id = &scenario.id;
             notes.extend(

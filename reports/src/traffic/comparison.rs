@@ -7,6 +7,7 @@ use super::{DirectionTraffic, Quantity, Traffic, WindowTraffic};
 use crate::{
     comparison::{Tally, WindowValues, tallies},
     packets::Topic,
+    sample::Sample,
     settings::ReportSettings,
 };
 
@@ -21,20 +22,19 @@ pub struct TrafficTally {
     pub tallies: Vec<Tally>,
 }
 
-/// Those of all quantities in both directions.
+/// Those of all quantities in both directions, of the periods that the tracking error is taken of.
 #[must_use]
-pub fn compared(traffic: &Traffic, settings: &ReportSettings) -> Vec<TrafficTally> {
+pub fn compared(traffic: &Traffic, samples: &[Sample], settings: &ReportSettings) -> Vec<TrafficTally> {
+    let sampled = traffic.sampled(samples);
     let mut compared = Vec::new();
     for topic in Topic::ALL {
         for quantity in Quantity::ALL {
-            let windows: Vec<WindowValues<'_>> = traffic
-                .scenarios
+            let windows: Vec<WindowValues<'_>> = sampled
                 .iter()
-                .flat_map(|(id, scenario)| scenario.windows.iter().map(move |window| (id, window)))
-                .map(|(id, window)| WindowValues {
-                    scenario: id,
-                    window: window.window,
-                    values: Cow::Owned(window.values(topic, quantity, settings)),
+                .map(|(window, sample)| WindowValues {
+                    scenario: &sample.scenario,
+                    window: sample.window,
+                    values: Cow::Owned(window.values(topic, quantity, sample.first_period)),
                 })
                 .filter(|window| !window.values.is_empty())
                 .collect();
@@ -59,11 +59,11 @@ impl WindowTraffic {
         }
     }
 
-    /// The values of the periods that count: those that the tracking error is taken of, and of which the packets say it.
+    /// The values of the periods from the first that counts (from 1), of which the packets say it.
     #[must_use]
-    pub fn values(&self, topic: Topic, quantity: Quantity, settings: &ReportSettings) -> Vec<f64> {
+    pub fn values(&self, topic: Topic, quantity: Quantity, first_period: u32) -> Vec<f64> {
         let periods = self.direction(topic).periods.iter();
-        let counted = periods.skip(settings.discarded(self.starts_run) as usize);
+        let counted = periods.skip(first_period.saturating_sub(1) as usize);
         counted.filter_map(|period| quantity.of(period)).collect()
     }
 }

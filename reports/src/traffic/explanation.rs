@@ -7,8 +7,6 @@
 //! of a Difference Between Two Rates*, 1955). Its interval is by bootstrap over windows. It is what goes with it, and not
 //! what is caused by it: quantities go with each other, so their parts do not add up.
 
-use std::collections::BTreeMap;
-
 use oorandom::Rand64;
 
 use super::{Quantity, Traffic, WindowTraffic};
@@ -70,19 +68,10 @@ pub fn explanations(
     traffic: &Traffic,
     settings: &ReportSettings,
 ) -> Vec<Explanation> {
-    let mut errors: BTreeMap<(&str, u32), &Sample> = BTreeMap::new();
-    for sample in samples {
-        errors.insert((&sample.scenario, sample.window), sample);
-    }
+    let sampled = traffic.sampled(samples);
     let windows = |id: &str| -> Vec<(&WindowTraffic, &Sample)> {
-        let windows = traffic
-            .scenarios
-            .get(id)
-            .into_iter()
-            .flat_map(|found| &found.windows);
-        windows
-            .filter_map(|window| Some((window, *errors.get(&(id, window.window))?)))
-            .collect()
+        let of_it = |(_, sample): &(&WindowTraffic, &Sample)| sample.scenario == id;
+        sampled.iter().copied().filter(of_it).collect()
     };
     let of = |pair: &Contrast| {
         let (first, second) = (windows(&pair.a), windows(&pair.b));
@@ -243,7 +232,6 @@ mod tests {
         };
         let traffic = WindowTraffic {
             window: number,
-            starts_run: false,
             dropped: 0,
             directions: [direction(Topic::State, periods), direction(Topic::Command, &[])],
         };

@@ -17,8 +17,6 @@ const MOST_PERIODS: usize = 1 << 20;
 pub struct WindowTraffic {
     /// Its number, from 1.
     pub window: u32,
-    /// Whether it begins with the transient.
-    pub starts_run: bool,
     /// Packets that the kernel dropped before they were captured, at both hosts: as many may be taken for lost or stray.
     pub dropped: u64,
     /// In the order of [`Topic::ALL`].
@@ -56,7 +54,6 @@ impl DirectionTraffic {
 #[derive(Debug)]
 pub(super) struct WindowTally {
     window: u32,
-    starts_run: bool,
     dropped: u64,
     period_ns: i64,
     directions: [DirectionTally; 2],
@@ -87,7 +84,6 @@ impl WindowTally {
         };
         Self {
             window: record.window,
-            starts_run: record.starts_run,
             dropped: record.captures.iter().map(|capture| capture.dropped).sum(),
             period_ns: period_ns.max(1),
             directions: [direction.clone(), direction],
@@ -131,7 +127,6 @@ impl WindowTally {
         let [state, command] = self.directions;
         WindowTraffic {
             window: self.window,
-            starts_run: self.starts_run,
             dropped: self.dropped,
             directions: [state.finish(Topic::State), command.finish(Topic::Command)],
         }

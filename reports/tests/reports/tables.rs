@@ -3,13 +3,13 @@
 use reports::{
     Report, analyse,
     run_directory::{EnvironmentRecord, Event, Outcome},
-    settings::{Metric, ReportSettings},
+    settings::{Metric, ReportSettings, WarmUp},
     traffic::Traffic,
 };
 use serde_json::json;
 use workload::record::window::{ReleaseRecord, Verdict};
 
-use crate::synthetic::{Scenario, Synthetic, journal};
+use crate::synthetic::{Scenario, Synthetic, journal, log};
 
 /// The paper's nine scenarios with made-up numbers: docker on b's platform far off, all else alike.
 pub fn nine() -> Vec<Scenario> {
@@ -112,6 +112,49 @@ fn the_first_period_of_a_run_is_left_out_and_of_its_other_windows_not() {
         sizes(&analyse(&run, Traffic::default(), &settings)),
         [27, 30, 30, 30]
     );
+}
+
+#[test]
+fn what_a_window_warms_up_is_flagged_and_cut_only_if_asked() {
+    let synthetic = Synthetic::new(&[Scenario::measured("x86-debian-native", &[0.1, 0.1, 0.1])]);
+    let (warm, cold) = (log(1, 0.1, 7), log(1, 0.3, 8));
+    // The header, and five periods of ten steps.
+    let begins: String = cold.split_inclusive('\n').take(51).collect();
+    let goes_on: String = warm.split_inclusive('\n').skip(51).collect();
+    synthetic.write_window("x86-debian-native", 2, &(begins + &goes_on));
+    let run = reports::load(synthetic.directory.path()).unwrap();
+    let report_with = |warm_up| {
+        let settings = ReportSettings {
+            warm_up,
+            ..ReportSettings::default()
+        };
+        analyse(&run, Traffic::default(), &settings)
+    };
+
+    let flagged = report_with(WarmUp::Flag);
+    let sizes = |report: &Report| report.samples.iter().map(|s| s.errors_m.len()).collect::<Vec<_>>();
+    assert_eq!(sizes(&flagged), [29, 30, 30]);
+    let within = flagged.scenarios[0].within.clone().unwrap();
+    assert_eq!(within.cut, []);
+    assert_eq!(within.unsteady[0].1.warm_up, Some(5.0));
+
+    let cut = report_with(WarmUp::Cut);
+    assert_eq!(sizes(&cut), [29, 25, 30]);
+    assert_eq!(
+        (&cut.samples[0], &cut.samples[2]),
+        (&flagged.samples[0], &flagged.samples[2])
+    );
+    assert_eq!(cut.samples[1].first_period, 6);
+    let within = cut.scenarios[0].within.clone().unwrap();
+    assert_eq!((within.cut, within.unsteady), (vec![(2, 5)], vec![]));
+    let markdown = cut.markdown();
+    for said in [
+        "a window 2: warmed up, 5 periods more were cut",
+        "in which a window warms up (MSER)",
+    ] {
+        let words = markdown.split_whitespace().collect::<Vec<_>>().join(" ");
+        assert!(words.contains(said), "{markdown}");
+    }
 }
 
 #[test]
