@@ -3,9 +3,13 @@
 //!
 //! The only module that prints. A reader that went away (`matrix plan | head`) is not an error.
 
-use std::{error::Error, io::Write};
+use std::{
+    error::Error,
+    io::{self, BufWriter, Write},
+};
 
 use annotate_snippets::Renderer;
+use serde::Serialize;
 use serde_json::{Value, json};
 use workload::causes::with_causes;
 
@@ -88,7 +92,7 @@ impl Complaint {
 
 /// Prints a result.
 pub fn result(text: &str) {
-    let mut out = std::io::stdout().lock();
+    let mut out = io::stdout().lock();
     let _ = out
         .write_all(text.as_bytes())
         .and_then(|()| match text.ends_with('\n') {
@@ -98,19 +102,23 @@ pub fn result(text: &str) {
 }
 
 /// Prints a result as JSON.
-pub fn json(value: &Value) {
-    result(&format!("{value:#}"));
+pub fn json(value: &impl Serialize) {
+    let mut out = BufWriter::new(io::stdout().lock());
+    // As for any result: a reader that has gone wants no more.
+    let _ = serde_json::to_writer_pretty(&mut out, value)
+        .map_err(io::Error::from)
+        .and_then(|()| out.write_all(b"\n"));
 }
 
 /// Prints a remark that is not a result.
 pub fn remark(text: &str) {
-    let _ = writeln!(std::io::stderr().lock(), "{text}");
+    let _ = writeln!(io::stderr().lock(), "{text}");
 }
 
 /// Prints what is wrong with a file, in colours where standard error is a terminal and the environment does not say
 /// `NO_COLOR`.
 pub fn mistakes(found: &Diagnostics) {
-    let mut err = anstream::AutoStream::auto(std::io::stderr().lock());
+    let mut err = anstream::AutoStream::auto(io::stderr().lock());
     let _ = writeln!(err, "{}", found.render(&Renderer::styled()).trim_end());
 }
 

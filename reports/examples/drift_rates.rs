@@ -80,7 +80,9 @@ fn jumps() {
 
 /// One candidate, with all its scenarios, against so many nights.
 fn baselines() {
-    println!("\n| runs of the baseline | nights | alike | 5 off | 10 off | 20 off |\n|---:|---|---:|---:|---:|---:|");
+    println!(
+        "\n| runs of the baseline | nights | alike | 5 off | 10 off | 20 off |\n|---:|---|---:|---:|---:|---:|"
+    );
     for nights in [4, 6, 10, 20, 60] {
         for (name, tails) in NIGHTS {
             let told = |jump: f64| {

@@ -104,8 +104,12 @@ fn compare_windows(windows: &[WindowValues<'_>], settings: &ReportSettings, list
         .collect();
     let is_listed = pairs_of(windows.len()) <= listed;
 
-    let rows = pool.pairs(procedure, |_, partners| {
+    let rows = pool.pairs(procedure, |first, partners| {
         let mut row = Row::default();
+        if is_listed {
+            // No more than that: what is grown by doubling is half empty.
+            row.tests.reserve_exact(windows.len() - first - 1);
+        }
         for (second, test) in partners {
             let rejected = test.p < settings.alpha;
             row.count(number[second], rejected, test.method != settings.method);

@@ -8,7 +8,7 @@ mod latex;
 mod markdown;
 
 pub use latex::LatexTable;
-use serde_json::Value;
+use serde::Serialize;
 
 use crate::{figure::Figure, report::Report};
 
@@ -37,9 +37,9 @@ impl Report {
         html::render(self, figures)
     }
 
-    /// As JSON, the shape that `matrix report --json` prints.
+    /// As JSON, the shape that `matrix report --json` prints. Comparisons are made as they are written.
     #[must_use]
-    pub fn json(&self) -> Value {
-        json::render(self)
+    pub fn json(&self) -> impl Serialize {
+        json::Document::of(self)
     }
 }

@@ -48,7 +48,10 @@ fn left_out(record: &WindowRecord, trace: &ControlTrace, settings: &ReportSettin
     discarded.saturating_add(match settings.warm_up {
         WarmUp::Flag => 0,
         WarmUp::Cut => {
-            let slices = trace.slices_m.get(discarded as usize * SLICES..).unwrap_or_default();
+            let slices = trace
+                .slices_m
+                .get(discarded as usize * SLICES..)
+                .unwrap_or_default();
             steadiness::warm_up(slices, SLICES).map_or(0, |periods| periods.ceil() as u32)
         }
     })

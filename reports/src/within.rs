@@ -33,9 +33,8 @@ impl WithinWindows {
         let block = dependence.as_ref().map_or(1, Dependence::block);
         let (mut cut, mut unsteady) = (Vec::new(), Vec::new());
         for sample in samples {
-            let Some((number, record, trace)) = scenario
-                .counted()
-                .find(|(number, _, _)| *number == sample.window)
+            let Some((number, record, trace)) =
+                scenario.counted().find(|(number, _, _)| *number == sample.window)
             else {
                 continue;
             };
@@ -44,7 +43,10 @@ impl WithinWindows {
                 0 => {}
                 periods => cut.push((number, periods)),
             }
-            let slices = trace.slices_m.get(left_out as usize * SLICES..).unwrap_or_default();
+            let slices = trace
+                .slices_m
+                .get(left_out as usize * SLICES..)
+                .unwrap_or_default();
             let found = Steadiness::of(slices, SLICES, &sample.errors_m, block, settings.seed);
             if !found.is_steady() {
                 unsteady.push((number, found));

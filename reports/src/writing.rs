@@ -3,7 +3,8 @@
 
 use std::{
     collections::BTreeSet,
-    fs, io,
+    fs::{self, File},
+    io::{self, BufWriter, Write},
     path::{Path, PathBuf},
 };
 
@@ -12,7 +13,7 @@ use rayon::prelude::*;
 
 use crate::{
     figure::{self, FigureError, PdfError},
-    render::columns,
+    render::columns::{self, Pieces},
     report::Report,
     run::Run,
 };
@@ -64,39 +65,45 @@ impl WriteError {
     }
 }
 
+/// What writes a file's content.
+type Content<'a> = Box<dyn FnOnce(&mut BufWriter<File>) -> Result<(), Failure> + 'a>;
+
+/// Why a content could not be written.
+enum Failure {
+    Io(io::Error),
+    Columns(&'static str, PolarsError),
+}
+
 /// Writes the report into the run directory's `report/`. Figures and LaTeX tables of an earlier report that this one does
 /// not have are removed.
 ///
 /// # Errors
-/// When something cannot be encoded, which is before anything is written, and when a file cannot be written.
+/// When a figure cannot be drawn, which is before anything is written, and when a file cannot be encoded or written.
 pub fn write(run: &Run, report: &Report) -> Result<(), WriteError> {
     let folder = run.directory.report();
     let figures = figure::draw(run, report)?;
-    let mut files: Vec<(PathBuf, Vec<u8>)> = vec![
-        ("tables.md".into(), report.markdown().into_bytes()),
-        ("tables.tex".into(), report.latex().into_bytes()),
-        ("report.html".into(), report.html(&figures).into_bytes()),
-        (
-            "report.json".into(),
-            format!("{:#}\n", report.json()).into_bytes(),
-        ),
-    ];
-    files.extend(column_files(report)?);
     // Each takes a while, and they have nothing to do with each other.
     let pdfs: Vec<Vec<u8>> = figures
         .par_iter()
         .map(figure::pdf)
         .collect::<Result<_, PdfError>>()?;
+    let mut files: Vec<(PathBuf, Content<'_>)> = vec![
+        ("tables.md".into(), whole(report.markdown())),
+        ("tables.tex".into(), whole(report.latex())),
+        ("report.html".into(), whole(report.html(&figures))),
+        ("report.json".into(), json(report)),
+    ];
+    files.extend(column_files(report));
     let drawings = Path::new(FIGURES);
     for (figure, pdf) in figures.into_iter().zip(pdfs) {
         let name = drawings.join(figure.name);
-        files.push((name.with_extension("pdf"), pdf));
-        files.push((name, figure.svg.into_bytes()));
+        files.push((name.with_extension("pdf"), whole(pdf)));
+        files.push((name, whole(figure.svg)));
     }
     let tables = Path::new(TABLES);
     for table in report.latex_tables() {
         let text = format!("{TABLE_OF_OURS}\n{}", table.text);
-        files.push((tables.join(table.name).with_extension("tex"), text.into_bytes()));
+        files.push((tables.join(table.name).with_extension("tex"), whole(text)));
     }
     let written: BTreeSet<PathBuf> = files.iter().map(|(name, _)| folder.join(name)).collect();
 
@@ -104,44 +111,76 @@ pub fn write(run: &Run, report: &Report) -> Result<(), WriteError> {
         let inner = folder.join(inner);
         fs::create_dir_all(&inner).map_err(at(&inner))?;
     }
-    for (name, bytes) in files {
-        replace(&folder.join(name), &bytes)?;
+    for (name, content) in files {
+        replace(&folder.join(name), content)?;
     }
     remove_others(&folder.join(drawings), &written, is_figure_of_ours)?;
     remove_others(&folder.join(tables), &written, is_table_of_ours)
 }
 
+/// A content that is there already.
+fn whole<'a>(content: impl AsRef<[u8]> + 'a) -> Content<'a> {
+    Box::new(move |out| out.write_all(content.as_ref()).map_err(Failure::Io))
+}
+
+/// Comparison by comparison: of half a million it is 190 MB.
+fn json(report: &Report) -> Content<'_> {
+    Box::new(|out| {
+        serde_json::to_writer_pretty(&mut *out, &report.json()).map_err(|error| Failure::Io(error.into()))?;
+        out.write_all(b"\n").map_err(Failure::Io)
+    })
+}
+
 /// Each table of numbers as CSV and as Parquet.
-fn column_files(report: &Report) -> Result<Vec<(PathBuf, Vec<u8>)>, WriteError> {
-    let tables = [
-        ("comparisons", columns::comparisons(report)),
-        ("contrasts", columns::contrasts(report)),
-        ("samples", columns::samples(report)),
-        ("packets", columns::packets(report)),
+fn column_files(report: &Report) -> Vec<(PathBuf, Content<'_>)> {
+    type Columns = fn(&Report) -> Pieces<'_>;
+    let tables: [(_, Columns); 4] = [
+        ("comparisons", columns::comparisons),
+        ("contrasts", columns::contrasts),
+        ("samples", columns::samples),
+        ("packets", columns::packets),
     ];
-    let mut files = Vec::new();
+    let mut files: Vec<(PathBuf, Content<'_>)> = Vec::new();
     for (name, table) in tables {
-        let fail = |source| WriteError::Columns { name, source };
-        let mut table = table.map_err(fail)?;
+        let fail = move |source| Failure::Columns(name, source);
         files.push((
             format!("{name}.csv").into(),
-            columns::csv(&mut table).map_err(fail)?,
+            Box::new(move |out| columns::csv(table(report), out).map_err(fail)),
         ));
         files.push((
             format!("{name}.parquet").into(),
-            columns::parquet(&mut table).map_err(fail)?,
+            Box::new(move |out| columns::parquet(table(report), out).map_err(fail)),
         ));
     }
-    Ok(files)
+    files
 }
 
 /// A reader sees the old file or the new one, never a part.
-fn replace(path: &Path, bytes: &[u8]) -> Result<(), WriteError> {
+fn replace(path: &Path, content: Content<'_>) -> Result<(), WriteError> {
     let mut beside = path.as_os_str().to_owned();
     beside.push(".new");
     let beside = PathBuf::from(beside);
-    fs::write(&beside, bytes).map_err(at(&beside))?;
+    let file = File::create(&beside).map_err(at(&beside))?;
+    let mut out = BufWriter::new(file);
+    let written = content(&mut out).and_then(|()| out.flush().map_err(Failure::Io));
+    drop(out);
+    if let Err(failure) = written {
+        // What is wrong is told; a part of a file helps nobody.
+        let _ = fs::remove_file(&beside);
+        return Err(failure.at(&beside));
+    }
     fs::rename(&beside, path).map_err(at(path))
+}
+
+impl Failure {
+    fn at(self, path: &Path) -> WriteError {
+        match self {
+            Self::Io(source) => at(path)(source),
+            // The disk is full, and polars was the one to find out.
+            Self::Columns(_, PolarsError::IO { error, .. }) => at(path)(io::Error::new(error.kind(), error)),
+            Self::Columns(name, source) => WriteError::Columns { name, source },
+        }
+    }
 }
 
 /// Removes what an earlier report has written there and this one has not.

@@ -235,7 +235,10 @@ mod tests {
     fn a_long_normal_history_expects_nearly_what_students_interval_does() {
         let prediction = Prediction::of(&nights(1, 2000)).unwrap();
         let normal = prediction.kinds[0];
-        let (p, normal) = (prediction.p(&[4.5]).unwrap(), 2.0 * normal.tail(4.5 - normal.middle));
+        let (p, normal) = (
+            prediction.p(&[4.5]).unwrap(),
+            2.0 * normal.tail(4.5 - normal.middle),
+        );
         assert!((1.0..1.5).contains(&(p / normal)), "{p} {normal}");
     }
 

@@ -1,4 +1,7 @@
-//! The comparisons and the samples as columns, for those who go on with their own tools: CSV and Parquet, by polars.
+//! The comparisons and the samples as columns, for those who go on with their own tools: CSV and Parquet, by polars. Half a
+//! million comparisons are a file of 95 MB, so that a table comes in [`Pieces`] and is written piece by piece.
+
+use std::{io::Write, iter};
 
 use polars::{
     df,
@@ -16,10 +19,22 @@ use crate::{
     traffic::PeriodTraffic,
 };
 
+/// The rows of a table in order, at least one piece, all with the same columns.
+pub(crate) type Pieces<'a> = Box<dyn Iterator<Item = PolarsResult<DataFrame>> + 'a>;
+
+/// Comparisons in a piece, and in a row group of Parquet.
+const PIECE: usize = 16_384;
+
 /// One row a comparison.
-pub(crate) fn comparisons(report: &Report) -> PolarsResult<DataFrame> {
-    fn column<'a, T>(report: &'a Report, of: impl Fn(&'a Comparison) -> T) -> Vec<T> {
-        report.comparisons.iter().map(of).collect()
+pub(crate) fn comparisons(report: &Report) -> Pieces<'_> {
+    let (first, rest) = report.comparisons.split_at(report.comparisons.len().min(PIECE));
+    let pieces = iter::once(first).chain(rest.chunks(PIECE));
+    Box::new(pieces.map(|piece| some_comparisons(report, piece)))
+}
+
+fn some_comparisons(report: &Report, piece: &[Comparison]) -> PolarsResult<DataFrame> {
+    fn column<'a, T>(piece: &'a [Comparison], of: impl Fn(&'a Comparison) -> T) -> Vec<T> {
+        piece.iter().map(of).collect()
     }
     let slug = |id: &str| {
         report
@@ -30,30 +45,34 @@ pub(crate) fn comparisons(report: &Report) -> PolarsResult<DataFrame> {
     };
     let unlike = |a: &str, b: &str| unlike(report, a, b);
     df![
-        "a" => column(report, |c| &*c.a),
-        "a_slug" => column(report, |c| slug(&c.a)),
-        "a_window" => column(report, |c| c.a_window),
-        "b" => column(report, |c| &*c.b),
-        "b_slug" => column(report, |c| slug(&c.b)),
-        "b_window" => column(report, |c| c.b_window),
-        "n" => column(report, |c| c.test.n as u64),
-        "m" => column(report, |c| c.test.m as u64),
-        "d" => column(report, |c| c.test.d),
-        "h" => column(report, |c| c.test.h),
-        "lcm" => column(report, |c| c.test.lcm),
-        "p" => column(report, |c| c.test.p),
-        "log10_p" => column(report, |c| c.test.log10_p),
-        "signed_d" => column(report, |c| c.test.signed_d().0),
-        "at_m" => column(report, |c| c.test.signed_d().1),
-        "method" => column(report, |c| c.test.method.name()),
-        "alpha" => column(report, |_| report.settings.alpha),
-        "rejected" => column(report, |c| c.rejected),
-        "unlike" => column(report, |c| unlike(&c.a, &c.b)),
+        "a" => column(piece, |c| &*c.a),
+        "a_slug" => column(piece, |c| slug(&c.a)),
+        "a_window" => column(piece, |c| c.a_window),
+        "b" => column(piece, |c| &*c.b),
+        "b_slug" => column(piece, |c| slug(&c.b)),
+        "b_window" => column(piece, |c| c.b_window),
+        "n" => column(piece, |c| c.test.n as u64),
+        "m" => column(piece, |c| c.test.m as u64),
+        "d" => column(piece, |c| c.test.d),
+        "h" => column(piece, |c| c.test.h),
+        "lcm" => column(piece, |c| c.test.lcm),
+        "p" => column(piece, |c| c.test.p),
+        "log10_p" => column(piece, |c| c.test.log10_p),
+        "signed_d" => column(piece, |c| c.test.signed_d().0),
+        "at_m" => column(piece, |c| c.test.signed_d().1),
+        "method" => column(piece, |c| c.test.method.name()),
+        "alpha" => column(piece, |_| report.settings.alpha),
+        "rejected" => column(piece, |c| c.rejected),
+        "unlike" => column(piece, |c| unlike(&c.a, &c.b)),
     ]
 }
 
 /// One row a pair of the family.
-pub(crate) fn contrasts(report: &Report) -> PolarsResult<DataFrame> {
+pub(crate) fn contrasts(report: &Report) -> Pieces<'_> {
+    Box::new(iter::once_with(|| all_contrasts(report)))
+}
+
+fn all_contrasts(report: &Report) -> PolarsResult<DataFrame> {
     fn column<'a, T>(report: &'a Report, of: impl Fn(&'a Contrast) -> T) -> Vec<T> {
         report.contrasts.pairs.iter().map(of).collect()
     }
@@ -99,7 +118,11 @@ fn unlike(report: &Report, a: &str, b: &str) -> Option<String> {
 }
 
 /// One row a period that counts.
-pub(crate) fn samples(report: &Report) -> PolarsResult<DataFrame> {
+pub(crate) fn samples(report: &Report) -> Pieces<'_> {
+    Box::new(iter::once_with(|| all_samples(report)))
+}
+
+fn all_samples(report: &Report) -> PolarsResult<DataFrame> {
     let mut columns = (Vec::new(), Vec::new(), Vec::new(), Vec::new());
     for sample in &report.samples {
         for (period, error_m) in (sample.first_period..).zip(&sample.errors_m) {
@@ -113,7 +136,11 @@ pub(crate) fn samples(report: &Report) -> PolarsResult<DataFrame> {
 }
 
 /// One row a period and direction of the windows that count, whether or not the period counts.
-pub(crate) fn packets(report: &Report) -> PolarsResult<DataFrame> {
+pub(crate) fn packets(report: &Report) -> Pieces<'_> {
+    Box::new(iter::once_with(|| all_packets(report)))
+}
+
+fn all_packets(report: &Report) -> PolarsResult<DataFrame> {
     struct Row<'a> {
         scenario: &'a str,
         window: u32,
@@ -154,17 +181,29 @@ pub(crate) fn packets(report: &Report) -> PolarsResult<DataFrame> {
     ]
 }
 
-pub(crate) fn csv(frame: &mut DataFrame) -> PolarsResult<Vec<u8>> {
-    let mut bytes = Vec::new();
-    CsvWriter::new(&mut bytes).finish(frame)?;
-    Ok(bytes)
+pub(crate) fn csv(pieces: Pieces<'_>, out: &mut impl Write) -> PolarsResult<()> {
+    for (nth, piece) in pieces.enumerate() {
+        CsvWriter::new(&mut *out)
+            .include_header(nth == 0)
+            .finish(&mut piece?)?;
+    }
+    Ok(())
 }
 
-pub(crate) fn parquet(frame: &mut DataFrame) -> PolarsResult<Vec<u8>> {
-    let mut bytes = Vec::new();
-    // Kilobytes: what every reader can read matters more than the size.
-    ParquetWriter::new(&mut bytes)
+pub(crate) fn parquet(pieces: Pieces<'_>, out: &mut impl Write) -> PolarsResult<()> {
+    let mut pieces = pieces.peekable();
+    let schema = match pieces.peek() {
+        Some(Ok(first)) => first.schema().clone(),
+        // A piece that cannot be made says so below.
+        Some(Err(_)) | None => Default::default(),
+    };
+    // What every reader can read matters more than the size.
+    let mut writer = ParquetWriter::new(out)
         .with_compression(ParquetCompression::Uncompressed)
-        .finish(frame)?;
-    Ok(bytes)
+        .batched(&schema)?;
+    for piece in pieces {
+        writer.write_batch(&piece?)?;
+    }
+    writer.finish()?;
+    Ok(())
 }

@@ -1,5 +1,6 @@
 //! JSON: the shape that others build on. Fields are added here, never renamed or taken away.
 
+use serde::{Serialize, Serializer, ser::SerializeMap};
 use serde_json::{Value, json};
 
 use crate::{
@@ -12,7 +13,44 @@ use crate::{
     within::WithinWindows,
 };
 
-pub(super) fn render(report: &Report) -> Value {
+/// The whole. All is small but the comparisons, of which there may be half a million: these are made one by one, as they
+/// are written.
+pub(super) struct Document<'a> {
+    report: &'a Report,
+    /// All else, in order.
+    fields: Value,
+}
+
+impl<'a> Document<'a> {
+    pub fn of(report: &'a Report) -> Self {
+        Self {
+            report,
+            fields: fields(report),
+        }
+    }
+}
+
+impl Serialize for Document<'_> {
+    fn serialize<S: Serializer>(&self, serializer: S) -> Result<S::Ok, S::Error> {
+        let fields = self.fields.as_object().into_iter().flatten();
+        let mut map = serializer.serialize_map(None)?;
+        for (name, value) in fields {
+            map.serialize_entry(name, value)?;
+        }
+        map.serialize_entry("comparisons", &Comparisons(self.report))?;
+        map.end()
+    }
+}
+
+struct Comparisons<'a>(&'a Report);
+
+impl Serialize for Comparisons<'_> {
+    fn serialize<S: Serializer>(&self, serializer: S) -> Result<S::Ok, S::Error> {
+        serializer.collect_seq(self.0.comparisons.iter().map(|one| comparison(self.0, one)))
+    }
+}
+
+fn fields(report: &Report) -> Value {
     let settings = &report.settings;
     let (within, between): (Vec<_>, Vec<_>) = report.tallies.iter().partition(|tally| tally.a == tally.b);
     let of = |standing| {
@@ -61,7 +99,6 @@ pub(super) fn render(report: &Report) -> Value {
         "packets": report.traffic.scenarios.iter().map(packets).collect::<Vec<_>>(),
         "packet_counts": report.traffic_tallies.iter().flat_map(packet_counts).collect::<Vec<_>>(),
         "packet_explanations": report.explanations.iter().map(explanation).collect::<Vec<_>>(),
-        "comparisons": report.comparisons.iter().map(|one| comparison(report, one)).collect::<Vec<_>>(),
     })
 }
 

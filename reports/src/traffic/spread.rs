@@ -27,6 +27,7 @@ pub struct Spread {
 /// Times that are being counted.
 #[derive(Debug, Clone)]
 pub(super) struct SpreadTally {
+    /// From the first time on: it has 100 kB.
     histogram: Option<Histogram<u32>>,
     count: u64,
     sum_ns: i64,
@@ -37,8 +38,7 @@ pub(super) struct SpreadTally {
 impl Default for SpreadTally {
     fn default() -> Self {
         Self {
-            // Never an error for a number of digits up to 5.
-            histogram: Histogram::new_with_max(LONGEST_NS, DIGITS).ok(),
+            histogram: None,
             count: 0,
             sum_ns: 0,
             min_ns: i64::MAX,
@@ -54,6 +54,10 @@ impl SpreadTally {
         self.min_ns = self.min_ns.min(ns);
         self.max_ns = self.max_ns.max(ns);
         // A time below nothing, of a clock that was put back, counts as none.
+        if self.histogram.is_none() {
+            // Never an error for a number of digits up to 5.
+            self.histogram = Histogram::new_with_max(LONGEST_NS, DIGITS).ok();
+        }
         if let Some(histogram) = &mut self.histogram {
             histogram.saturating_record(u64::try_from(ns).unwrap_or(0));
         }
