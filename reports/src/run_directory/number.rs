@@ -38,7 +38,7 @@ impl Number for u64 {
                 let digits = word(*last) >> others << others;
                 Some(number * TENS.get(rest.len())? + eight_digits(digits)?)
             }
-            (None, _) => digit_by_digit(field),
+            (None, _) => few_digits(field),
         }
     }
 }
@@ -63,6 +63,19 @@ const TENS: [u64; 19] = {
     }
     powers
 };
+
+/// Of less than eight digits.
+#[inline]
+fn few_digits(field: &[u8]) -> Option<u64> {
+    let (Some(first), Some(last)) = (field.first_chunk(), field.last_chunk()) else {
+        return digit_by_digit(field);
+    };
+    // The first four and the last four, which may be some of the first, moved up until zeros are before them.
+    let [first, last] = [first, last].map(|four: &[u8; 4]| u64::from(u32::from_le_bytes(*four)));
+    let others = 8 * (8 - field.len() as u32);
+    let digits = (first | last << (32 - others)) ^ (word([0; 8]) >> others);
+    eight_digits(digits << others)
+}
 
 fn digit_by_digit(field: &[u8]) -> Option<u64> {
     let add = |number: u64, digit: &u8| {
@@ -206,6 +219,11 @@ mod tests {
         fn what_is_a_number_is_what_the_standard_library_takes_for_one(text in "[-0-9][-0-9 ./:+e]{0,21}") {
             prop_assert_eq!(u64::read(text.as_bytes()), text.parse().ok());
             prop_assert_eq!(i64::read(text.as_bytes()), text.parse().ok());
+        }
+
+        #[test]
+        fn small_numbers_are_read_with_zeros_before_them_or_not(number in 0..100_000_000_u64, width in 1..12_usize) {
+            prop_assert_eq!(u64::read(format!("{number:0width$}").as_bytes()), Some(number));
         }
 
         #[test]
