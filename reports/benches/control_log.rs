@@ -46,11 +46,13 @@ fn main() {
     let gigabytes = bytes as f64 / 1e9;
     let python = env::var_os("MATRIX_PEERS_PYTHON").unwrap_or("python3".into());
     let script = Path::new(env!("CARGO_MANIFEST_DIR")).join("benches/peers/logs.py");
-    let (mut ours, mut checksum, mut pandas, mut polars) = (Vec::new(), Vec::new(), Vec::new(), Vec::new());
+    let (mut ours, mut all_cores) = (Vec::new(), Vec::new());
+    let (mut checksum, mut pandas, mut polars) = (Vec::new(), Vec::new(), Vec::new());
+    let one_core = rayon::ThreadPoolBuilder::new().num_threads(1).build().unwrap();
+    let load = || reports::load(synthetic.directory.path()).unwrap().scenarios.len();
     for _ in 0..ROUNDS {
-        ours.push(time(|| {
-            reports::load(synthetic.directory.path()).unwrap().scenarios.len()
-        }));
+        ours.push(time(|| one_core.install(load)));
+        all_cores.push(time(load));
         checksum.push(time(|| logs.iter().map(|log| hashed(log)).sum::<usize>()));
         let output = Command::new(&python).arg(&script).args(&logs).output().unwrap();
         assert!(
@@ -75,6 +77,10 @@ fn main() {
     row("load: checksum, parse, reduce", ours);
     row("of it the checksum, SHA-256", checksum);
     row("of it all else", ours - checksum);
+    row(
+        "the same on all cores",
+        median(all_cores).as_secs_f64() / gigabytes,
+    );
     row("pandas.read_csv", median(pandas).as_secs_f64() / gigabytes);
     row(
         "polars.read_csv, one thread",

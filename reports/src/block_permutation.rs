@@ -94,6 +94,15 @@ mod tests {
     }
 
     #[test]
+    fn neighbours_that_stay_together_say_less() {
+        let (x, y) = ([1.0, 2.0, 3.0, 4.0], [5.0, 6.0, 7.0, 8.0]);
+        for (block, p) in [(1, 2.0 / 70.0), (2, 2.0 / 6.0)] {
+            let found = test(&x, &y, block, EFFORT).unwrap();
+            assert!(found.statistic == 1.0 && (found.p - p).abs() < 1e-12, "{found:?}");
+        }
+    }
+
+    #[test]
     fn what_does_not_fill_a_block_is_left_out_at_the_start() {
         let found = test(&[99.0, 1.0, 2.0], &[3.0, 4.0], 2, EFFORT).unwrap();
         assert_eq!((found.statistic, found.labellings), (1.0, 2));

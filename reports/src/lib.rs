@@ -10,6 +10,9 @@
 //! write_messages(path)        the captures' messages, into `report/messages/`
 //! ```
 
+// Some of what the messages' tables need is used by nothing else.
+#![cfg_attr(not(feature = "columns"), allow(dead_code, unused_imports))]
+
 pub mod anderson_darling;
 pub mod block_permutation;
 pub mod comparison;

@@ -7,6 +7,7 @@ use std::{
     path::Path,
 };
 
+use rayon::prelude::*;
 use workload::record::{
     self,
     window::{Verdict, WindowRecord},
@@ -141,7 +142,8 @@ impl ScenarioRun {
     }
 }
 
-/// Reads a run directory. Logs are read once and digested: of a run of 28 windows of 6000 s, some megabytes stay.
+/// Reads a run directory, scenarios side by side. Logs are read once and digested: of a run of 28 windows of 6000 s, some
+/// megabytes stay.
 ///
 /// # Errors
 /// When it is missing, half-written or of a later format, and when the log of a window that would count cannot be used.
@@ -151,18 +153,20 @@ pub fn load(path: impl AsRef<Path>) -> Result<Run, ReadError> {
     let (manifest, plan) = read_plan(&directory)?;
     let journal = Journal::read(&directory.journal())?;
     let mut histories = histories(&journal);
-    let scenarios = plan
-        .scenarios
-        .into_iter()
-        .map(|planned| {
-            let history = histories.remove(&planned.slug).unwrap_or_default();
-            load_scenario(&directory, planned, history)
-        })
-        .collect::<Result<_, _>>()?;
+    let with_history = |planned: PlannedScenario| {
+        let history = histories.remove(&planned.slug).unwrap_or_default();
+        (planned, history)
+    };
+    let scenarios: Vec<(PlannedScenario, History)> = plan.scenarios.into_iter().map(with_history).collect();
+    // Of two that are at fault always the first is told, whichever is read first.
+    let scenarios: Vec<Result<ScenarioRun, ReadError>> = scenarios
+        .into_par_iter()
+        .map(|(planned, history)| load_scenario(&directory, planned, history))
+        .collect();
     Ok(Run {
         directory,
         manifest,
-        scenarios,
+        scenarios: scenarios.into_iter().collect::<Result<_, _>>()?,
         cut_lines: journal.cut_lines,
     })
 }

@@ -176,6 +176,19 @@ mod tests {
         values.extend((0..15).map(|i| f64::from(i % 2)));
         assert_eq!(mser(&values), 5);
         assert_eq!(mser(&[1.0; 10]), 0);
+        // As docs/statistics/within.md has it.
+        assert_eq!(mser(&[5.0, 3.0, 1.0, 2.0, 1.0, 2.0, 1.0, 2.0]), 2);
+    }
+
+    #[test]
+    fn six_periods_at_one_level_and_six_at_another_are_a_change_after_six() {
+        let mut periods = [1.0; 12];
+        periods[6..].fill(3.0);
+        let (sum, after) = largest_cusum(periods.iter(), 2.0);
+        assert_eq!((sum, after), (6.0, 6));
+        let change = change(&periods, 1, 0).unwrap();
+        assert_eq!((change.after, change.by), (6, 2.0));
+        assert!(change.p < CHANGE_LEVEL, "{change:?}");
     }
 
     #[test]
