@@ -2,6 +2,7 @@
 //!
 //! ```text
 //! Run -> Night::of                         one run, brought down to a few numbers a window
+//! run directory -> digest::night_of        the same, from what was kept of it while that is true
 //! nights -> series_of -> Series            one scenario and metric along the nights
 //! Series -> history::judge -> Judgement    against all earlier nights: jumps and slopes
 //!        -> baseline::judge -> Judgement   against nights that were chosen
@@ -14,6 +15,7 @@
 mod acknowledgement;
 pub mod baseline;
 mod change_point;
+pub mod digest;
 pub mod history;
 pub mod night;
 mod prediction;

@@ -152,13 +152,10 @@ fn runs_in(folder: &Path) -> Result<Vec<PathBuf>, Complaint> {
     }
 }
 
-/// Each run is read, brought down to a few numbers, and let go: a year of them need not fit into memory.
+/// Each run is brought down to a few numbers and let go: a year of them need not fit into memory.
 fn nights(runs: &[PathBuf]) -> Result<Vec<Night>, Complaint> {
     runs.iter()
-        .map(|path| {
-            let run = reports::load(path).map_err(|error| unreadable(&error))?;
-            Night::of(&run, &reports::traffic::read(&run)).map_err(|error| unreadable(&error))
-        })
+        .map(|path| drift::digest::night_of(path).map_err(|error| unreadable(&error)))
         .collect()
 }
 

@@ -2,6 +2,7 @@
 
 use std::collections::BTreeMap;
 
+use serde::{Deserialize, Serialize};
 use serde_json::{Value, json};
 
 use crate::{
@@ -14,9 +15,11 @@ use crate::{
 };
 
 /// What is followed.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
 pub enum Metric {
     /// The mean error of a window's periods, in metres.
+    #[serde(rename = "error")]
     TrackingError,
     /// How old the state was when the controller used it, the mean of a window, in seconds: what network and ROS take.
     StateAge,
@@ -81,7 +84,8 @@ impl Metric {
 }
 
 /// Why a night has no number for a scenario.
-#[derive(Debug, Clone, PartialEq, Eq)]
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
 pub enum Lack {
     /// Windows were measured, and none counts.
     Invalid(String),
@@ -92,7 +96,7 @@ pub enum Lack {
 }
 
 /// One run.
-#[derive(Debug, Clone, PartialEq)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct Night {
     /// The run's name.
     pub run: String,
@@ -107,7 +111,7 @@ pub struct Night {
 }
 
 /// What a night has of one scenario.
-#[derive(Debug, Clone, PartialEq)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct Measured {
     /// All that was asked for: the experiment's settings, the workload's bytes, the provider's settings.
     pub configuration: Value,

@@ -10,7 +10,7 @@ use std::{
 
 use reports::{
     analyse,
-    drift::{Metric, Night},
+    drift::{Metric, Night, digest::night_of},
     packets::Topic,
     run_directory::RunDirectory,
     traffic::{self, Traffic, WindowTraffic},
@@ -243,6 +243,49 @@ fn a_night_has_the_delays_of_its_packets() {
         without.scenarios["x86-64-debian-12-native"].level(Metric::PacketDelay),
         None
     );
+}
+
+#[test]
+fn a_run_is_read_once_and_again_when_a_file_of_it_is_another() {
+    let (_folder, directory) = copy();
+    let kept = directory.report().join("night.json");
+    let run = reports::load(directory.path()).unwrap();
+    let read = Night::of(&run, &traffic::read(&run)).unwrap();
+    assert_eq!(night_of(directory.path()).unwrap(), read);
+    assert!(kept.exists());
+
+    // To tell the one that was kept from the one that was read: another name for the run.
+    let renamed = fs::read_to_string(&kept).unwrap().replace(&read.run, "kept");
+    fs::write(&kept, &renamed).unwrap();
+    assert_eq!(night_of(directory.path()).unwrap().run, "kept");
+    for not_true in ["", "{}", &renamed.replacen("\"format\":1", "\"format\":0", 1)] {
+        fs::write(&kept, not_true).unwrap();
+        assert_eq!(night_of(directory.path()).unwrap(), read, "{not_true}");
+    }
+
+    fs::write(&kept, &renamed).unwrap();
+    let capture = directory
+        .window("x86-64-debian-12-native", 2)
+        .join("sta1.pcap.zst");
+    let bytes = fs::read(&capture).unwrap();
+    fs::write(&capture, &bytes[..bytes.len() / 2]).unwrap();
+    let shorter = night_of(directory.path()).unwrap();
+    let delays =
+        |night: &Night| night.scenarios["x86-64-debian-12-native"].values[&Metric::PacketDelay].len();
+    assert_eq!(shorter.run, read.run);
+    assert_eq!((delays(&read), delays(&shorter)), (3, 2));
+}
+
+#[test]
+fn a_night_that_cannot_be_kept_is_read_all_the_same() {
+    let (_folder, directory) = copy();
+    // A file where the folder would be.
+    fs::write(directory.report(), "").unwrap();
+    assert_eq!(
+        night_of(directory.path()).unwrap().run,
+        night_of(directory.path()).unwrap().run
+    );
+    assert!(night_of(&directory.path().join("nowhere")).is_err());
 }
 
 #[test]
