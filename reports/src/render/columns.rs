@@ -207,3 +207,49 @@ pub(crate) fn parquet(pieces: Pieces<'_>, out: &mut impl Write) -> PolarsResult<
     writer.finish()?;
     Ok(())
 }
+
+#[cfg(test)]
+mod tests {
+    use std::io::Cursor;
+
+    use polars::prelude::{ParquetReader, SerReader};
+
+    use super::*;
+
+    fn pieces() -> Pieces<'static> {
+        let piece = |from: u32| df!["window" => [from, from + 1], "unlike" => [None, Some("rate")]];
+        Box::new([1, 3, 5].into_iter().map(piece))
+    }
+
+    #[test]
+    fn pieces_are_one_table() {
+        let mut text = Vec::new();
+        csv(pieces(), &mut text).unwrap();
+        assert_eq!(
+            String::from_utf8(text).unwrap(),
+            "window,unlike\n1,\n2,rate\n3,\n4,rate\n5,\n6,rate\n"
+        );
+        let mut bytes = Vec::new();
+        parquet(pieces(), &mut bytes).unwrap();
+        let read = ParquetReader::new(Cursor::new(bytes)).finish().unwrap();
+        let windows: Vec<u32> = read
+            .column("window")
+            .unwrap()
+            .u32()
+            .unwrap()
+            .into_no_null_iter()
+            .collect();
+        assert_eq!(windows, [1, 2, 3, 4, 5, 6]);
+    }
+
+    #[test]
+    fn a_table_without_rows_has_its_columns() {
+        let empty = || -> Pieces<'static> { Box::new(iter::once(df!["window" => [0_u32; 0]])) };
+        let (mut text, mut bytes) = (Vec::new(), Vec::new());
+        csv(empty(), &mut text).unwrap();
+        parquet(empty(), &mut bytes).unwrap();
+        assert_eq!(text, b"window\n");
+        let read = ParquetReader::new(Cursor::new(bytes)).finish().unwrap();
+        assert_eq!(read.shape(), (0, 1));
+    }
+}
