@@ -95,6 +95,15 @@ impl Verdict {
         }
     }
 
+    /// Why there is nothing to judge.
+    #[must_use]
+    pub fn reason(&self) -> Option<&str> {
+        match self {
+            Self::Invalid { reason } | Self::TooLittle { reason } => Some(reason),
+            Self::NoDrift { .. } | Self::Drift => None,
+        }
+    }
+
     /// Drift is worse than an invalid measurement, that worse than too little data, and that worse than no drift.
     const fn rank(&self) -> u8 {
         match self {

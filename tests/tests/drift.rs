@@ -101,6 +101,26 @@ fn a_candidate_is_judged_against_runs_that_are_known_to_be_good() {
     arguments.extend(baseline.iter().map(String::as_str));
     let ran = workplace.run(&arguments);
     assert_eq!(ran.code, Some(0), "{ran:?}");
+    arguments.push(candidate);
+    let ran = workplace.run(&arguments);
+    assert_eq!(ran.code, Some(2), "the candidate in its own baseline: {ran:?}");
+    assert!(ran.err.contains("is there twice"), "{ran:?}");
+
+    // A run that was killed as it began.
+    let killed = workplace.path().join("runs/20000101-000000-dead");
+    fs::create_dir(&killed).unwrap();
+    fs::copy(
+        workplace.path().join(candidate).join("manifest.json"),
+        killed.join("manifest.json"),
+    )
+    .unwrap();
+    let ran = workplace.run(&["drift", "runs"]);
+    assert_eq!(ran.code, Some(0), "{ran:?}");
+    assert!(ran.out.contains("left out: runs/20000101-000000-dead"), "{ran:?}");
+    fs::rename(&killed, workplace.path().join("runs/29990101-000000-dead")).unwrap();
+    let ran = workplace.run(&["drift", "runs"]);
+    assert_eq!(ran.code, Some(6), "nothing is known of tonight: {ran:?}");
+
     let ran = workplace.run(&["drift", "--candidate", candidate]);
     assert_eq!(ran.code, Some(2), "{ran:?}");
     let ran = workplace.run(&["drift", "nowhere"]);

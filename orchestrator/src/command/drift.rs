@@ -1,6 +1,7 @@
 //! `matrix drift`: whether what is measured night after night has changed.
 
 use std::{
+    collections::BTreeSet,
     env, fs, io,
     path::{Path, PathBuf},
     time::{Duration, SystemTime},
@@ -8,7 +9,7 @@ use std::{
 
 use clap::Args;
 use reports::drift::{self, Acknowledgements, Drift, Night, Settings, Verdict};
-use workload::quantity::Length;
+use workload::{causes::with_causes, quantity::Length};
 
 use crate::{
     arguments::OutputArguments,
@@ -48,7 +49,7 @@ pub struct DriftArguments {
     #[arg(long, value_name = "FILE")]
     webhook: Option<PathBuf>,
     /// Print annotations for GitHub's actions, and append a summary to the file of `GITHUB_STEP_SUMMARY`.
-    #[arg(long)]
+    #[arg(long, conflicts_with = "json")]
     github: bool,
     #[command(flatten)]
     pub(crate) output: OutputArguments,
@@ -71,21 +72,16 @@ const KNOWN: &str = "drift.yaml";
 pub fn execute(arguments: &DriftArguments) -> Result<Exit, Complaint> {
     // Reading a year of runs takes a while.
     let begun = SystemTime::now();
-    let (nights, judge, beside): (_, fn(&[Night], &Settings) -> Drift, _) = match &arguments.history {
-        Some(history) => {
-            let beside = Some(history.join(KNOWN)).filter(|path| path.exists());
-            (
-                in_order(nights(&runs_in(history)?)?),
-                drift::history::judge,
-                beside,
-            )
-        }
-        None => {
-            let mut nights = in_order(nights(&arguments.baseline)?);
-            nights.extend(self::nights(arguments.candidate.as_slice())?);
-            (nights, drift::baseline::judge, None)
-        }
+    let Chosen {
+        nights,
+        judge,
+        beside,
+        left_out,
+    } = match &arguments.history {
+        Some(history) => Chosen::of_history(history)?,
+        None => Chosen::to_compare(&arguments.baseline, arguments.candidate.as_ref())?,
     };
+    see_that_each_is_once(&nights)?;
     let newest = nights.last();
     let settings = Settings {
         alpha: arguments.alpha,
@@ -96,7 +92,11 @@ pub fn execute(arguments: &DriftArguments) -> Result<Exit, Complaint> {
         acknowledgements: known(arguments.acknowledged.as_ref().or(beside.as_ref()))?,
         ..Settings::default()
     };
-    let found = judge(&nights, &settings);
+    let mut found = judge(&nights, &settings);
+    found.remarks.extend(left_out.remarks);
+    if let Some(reason) = left_out.newest {
+        found = found.without_the_night(&reason);
+    }
     let newest = newest.map(|night| night.created.as_str());
     let found = match arguments.within {
         Some(within) if is_older(newest, begun, within) => found.without_the_night(&format!(
@@ -113,6 +113,79 @@ pub fn execute(arguments: &DriftArguments) -> Result<Exit, Complaint> {
         Verdict::Invalid { .. } => Exit::InvalidMeasurement,
         Verdict::TooLittle { .. } => Exit::TooLittleData,
     })
+}
+
+/// The nights that are judged, and how.
+struct Chosen {
+    /// The one that is judged is the last.
+    nights: Vec<Night>,
+    judge: fn(&[Night], &Settings) -> Drift,
+    /// The file of what is known, beside the run directories.
+    beside: Option<PathBuf>,
+    left_out: LeftOut,
+}
+
+/// Run directories of a history that cannot be read.
+#[derive(Default)]
+struct LeftOut {
+    remarks: Vec<String>,
+    /// Why the newest is one of them.
+    newest: Option<String>,
+}
+
+impl Chosen {
+    /// One run that was killed as it began must not end every night's check: what cannot be read is left out and said, and if it
+    /// is the newest, nothing is known of tonight.
+    fn of_history(folder: &Path) -> Result<Self, Complaint> {
+        let mut nights = Vec::new();
+        let mut left_out = LeftOut::default();
+        for path in runs_in(folder)? {
+            left_out.newest = None;
+            match drift::digest::night_of(&path) {
+                Ok(night) => nights.push(night),
+                Err(error) => {
+                    let what = format!("{} cannot be read: {}", path.display(), with_causes(&error));
+                    left_out
+                        .remarks
+                        .push(format!("left out: {what}; {}", error.hint()));
+                    left_out.newest = Some(format!("the newest run {what}"));
+                }
+            }
+        }
+        Ok(Self {
+            nights: in_order(nights),
+            judge: drift::history::judge,
+            beside: Some(folder.join(KNOWN)).filter(|path| path.exists()),
+            left_out,
+        })
+    }
+
+    fn to_compare(baseline: &[PathBuf], candidate: Option<&PathBuf>) -> Result<Self, Complaint> {
+        let mut nights = in_order(read(baseline)?);
+        nights.extend(read(candidate)?);
+        Ok(Self {
+            nights,
+            judge: drift::baseline::judge,
+            beside: None,
+            left_out: LeftOut::default(),
+        })
+    }
+}
+
+/// A run that is there twice would say that nights differ less than they do, and of itself that nothing changed.
+fn see_that_each_is_once(nights: &[Night]) -> Result<(), Complaint> {
+    let mut seen = BTreeSet::new();
+    match nights.iter().find(|night| !seen.insert(&night.run)) {
+        None => Ok(()),
+        Some(twice) => Err(Complaint {
+            what: format!("the run {} is there twice", twice.run).into(),
+            hint: Some(
+                "give each run once, and none both as baseline and as candidate; of copies in a history remove all but one"
+                    .to_owned(),
+            ),
+            exit: Exit::Wrong,
+        }),
+    }
 }
 
 /// Whether a run was asked for longer ago than that. One of the future was not.
@@ -152,9 +225,8 @@ fn runs_in(folder: &Path) -> Result<Vec<PathBuf>, Complaint> {
     }
 }
 
-/// Each run is brought down to a few numbers and let go: a year of them need not fit into memory.
-fn nights(runs: &[PathBuf]) -> Result<Vec<Night>, Complaint> {
-    runs.iter()
+fn read<'a>(runs: impl IntoIterator<Item = &'a PathBuf>) -> Result<Vec<Night>, Complaint> {
+    runs.into_iter()
         .map(|path| drift::digest::night_of(path).map_err(|error| unreadable(&error)))
         .collect()
 }

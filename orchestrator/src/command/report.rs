@@ -5,6 +5,7 @@ use std::path::PathBuf;
 use clap::Args;
 use reports::{
     ReadError,
+    ks::Method,
     run_directory::RunDirectory,
     settings::{Metric, WarmUp},
 };
@@ -28,6 +29,9 @@ pub struct ReportArguments {
     /// Another metric than the matrix file's: mean-abs-sum, mean-abs-x, mean-abs-y, mean-distance, root-mean-square.
     #[arg(long, value_parser = spelt::<Metric>)]
     metric: Option<Metric>,
+    /// Another way to p-values than the matrix file's: exact, asymptotic, paper.
+    #[arg(long, value_parser = spelt::<Method>)]
+    method: Option<Method>,
     /// Another number of first periods to leave out than the matrix file's.
     #[arg(long, value_name = "N")]
     discard_periods: Option<u32>,
@@ -60,6 +64,7 @@ pub fn execute(arguments: &ReportArguments) -> Result<Exit, Complaint> {
         }
         settings.alpha = alpha;
     }
+    settings.method = arguments.method.unwrap_or(settings.method);
     settings.metric = arguments.metric.unwrap_or(settings.metric);
     settings.discard_periods = arguments.discard_periods.unwrap_or(settings.discard_periods);
     settings.warm_up = arguments.warm_up.unwrap_or(settings.warm_up);
@@ -83,6 +88,7 @@ pub fn after_run(directory: &RunDirectory, exit: Exit, output: OutputArguments) 
         run: directory.path().to_owned(),
         alpha: None,
         metric: None,
+        method: None,
         discard_periods: None,
         warm_up: None,
         output,

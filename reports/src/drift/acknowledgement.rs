@@ -106,12 +106,8 @@ impl Acknowledgement {
     }
 
     fn problem(&self) -> Option<String> {
-        let day = self.expires.as_bytes();
-        let is_day = day.len() == 10
-            && day.iter().enumerate().all(|(at, byte)| match at {
-                4 | 7 => *byte == b'-',
-                _ => byte.is_ascii_digit(),
-            });
+        // It knows how many days months have.
+        let is_day = humantime::parse_rfc3339(&format!("{}T00:00:00Z", self.expires)).is_ok();
         let is_metric = self.metric == "*" || Metric::ALL.iter().any(|it| it.name() == self.metric);
         let what = if !is_day {
             format!("`expires: {}` is no day: write it as 2027-03-01", self.expires)
@@ -145,52 +141,93 @@ impl Acknowledgements {
         each.filter_map(Acknowledgement::problem).collect()
     }
 
-    /// Those of runs that the history does not have (any more), in words.
+    /// Those of runs and scenarios that the history does not have (any more), in words.
     pub(super) fn of_no_night(&self, nights: &[Night]) -> Vec<String> {
-        let has = |run: &str| nights.iter().any(|night| night.run == run);
-        self.acknowledged
-            .iter()
-            .filter(|it| !has(&it.since))
-            .map(|it| format!("{it}: `since: {}` is no run of the history", it.since))
+        let has_run = |run: &str| nights.iter().any(|night| night.run == run);
+        let has_scenario = |slug: &str| {
+            let mut all = nights.iter();
+            slug == "*" || all.any(|night| night.scenarios.contains_key(slug))
+        };
+        let what = |it: &Acknowledgement| {
+            if !has_scenario(&it.scenario) {
+                Some("there is no such scenario in the history".to_owned())
+            } else if !has_run(&it.since) {
+                Some(format!("`since: {}` is no run of the history", it.since))
+            } else {
+                None
+            }
+        };
+        let each = self.acknowledged.iter();
+        each.filter_map(|it| Some(format!("{it}: {}", what(it)?)))
             .collect()
     }
 
-    /// That of a change, if somebody knows of it and it has not expired by the newest of the nights.
-    pub(super) fn of(
+    /// Those of a change that begins near that run, and that have not expired by the newest of the nights.
+    pub(super) fn near(
         &self,
         nights: &[Night],
         scenario: &str,
         metric: Metric,
         since: &str,
-    ) -> Option<&Acknowledgement> {
+    ) -> impl Iterator<Item = &Acknowledgement> {
         let place = |run: &str| nights.iter().position(|night| night.run == run);
-        let newest = nights.last()?;
-        self.holding(newest, scenario, metric)
-            .find(|it| match (place(&it.since), place(since)) {
-                (Some(known), Some(found)) => known.abs_diff(found) <= NEAR,
-                _ => it.since == since,
-            })
+        let found = place(since);
+        let is_near = move |it: &&Acknowledgement| match (place(&it.since), found) {
+            (Some(known), Some(found)) => known.abs_diff(found) <= NEAR,
+            _ => it.since == since,
+        };
+        self.holding(nights, scenario, metric).filter(is_near)
+    }
+
+    /// That of exactly that run, if it has not expired by the newest of the nights.
+    pub(super) fn of_run(
+        &self,
+        nights: &[Night],
+        scenario: &str,
+        metric: Metric,
+        run: &str,
+    ) -> Option<&Acknowledgement> {
+        self.holding(nights, scenario, metric).find(|it| it.since == run)
+    }
+
+    /// The last run that begins a change which is known, of those that stay in the history.
+    pub(super) fn last_step(&self, nights: &[Night], scenario: &str, metric: Metric) -> Option<&str> {
+        self.last(nights, scenario, metric, Baseline::Keep)
+    }
+
+    /// Whether somebody knows that a scenario is not measured any more: a run without it is acknowledged.
+    pub(super) fn is_left_out(&self, nights: &[Night], scenario: &str) -> bool {
+        let lacks = |night: &Night| !night.scenarios.contains_key(scenario);
+        self.holding(nights, scenario, Metric::TrackingError)
+            .any(|it| nights.iter().any(|night| night.run == it.since && lacks(night)))
     }
 
     /// The first run that counts, where a change was accepted as what is usual now.
     pub(super) fn begins(&self, nights: &[Night], scenario: &str, metric: Metric) -> Option<&str> {
-        let newest = nights.last()?;
-        let resets = self
-            .holding(newest, scenario, metric)
-            .filter(|it| it.baseline == Baseline::Reset);
+        self.last(nights, scenario, metric, Baseline::Reset)
+    }
+
+    fn last(&self, nights: &[Night], scenario: &str, metric: Metric, baseline: Baseline) -> Option<&str> {
+        let all = self
+            .holding(nights, scenario, metric)
+            .filter(|it| it.baseline == baseline);
         let place = |it: &&Acknowledgement| nights.iter().position(|night| night.run == it.since);
-        resets.max_by_key(place).map(|it| it.since.as_str())
+        all.max_by_key(place).map(|it| it.since.as_str())
     }
 
     fn holding(
         &self,
-        newest: &Night,
+        nights: &[Night],
         scenario: &str,
         metric: Metric,
     ) -> impl Iterator<Item = &Acknowledgement> {
+        let day = nights
+            .last()
+            .map(|night| night.created.as_str())
+            .unwrap_or_default();
         self.acknowledged
             .iter()
-            .filter(move |it| it.is_of(scenario, metric) && it.holds_on(&newest.created))
+            .filter(move |it| it.is_of(scenario, metric) && it.holds_on(day))
     }
 }
 
@@ -241,7 +278,10 @@ mod tests {
         let all = Acknowledgements {
             acknowledged: vec![known()],
         };
-        assert_eq!(all.of(&nights(), scenario, metric, since).is_some(), is_known);
+        assert_eq!(
+            all.near(&nights(), scenario, metric, since).count() == 1,
+            is_known
+        );
     }
 
     #[test]
@@ -255,12 +295,10 @@ mod tests {
             acknowledged: vec![expired],
         };
         let metric = Metric::TrackingError;
-        assert_eq!(all.of(&nights(), "a", metric, "night-20"), None);
+        assert_eq!(all.near(&nights(), "a", metric, "night-20").count(), 0);
         assert_eq!(all.begins(&nights(), "a", metric), None);
-        assert!(
-            all.of(&nights()[..19], "a", metric, "night-20").is_some(),
-            "the day before"
-        );
+        let the_day_before = &nights()[..19];
+        assert_eq!(all.near(the_day_before, "a", metric, "night-20").count(), 1);
     }
 
     #[test]
@@ -295,17 +333,39 @@ mod tests {
     }
 
     #[test]
-    fn one_of_a_run_that_is_not_there_is_told() {
-        let stranger = Acknowledgement {
-            since: "night-99".to_owned(),
+    fn one_of_a_run_or_a_scenario_that_is_not_there_is_told() {
+        let everywhere = Acknowledgement {
+            scenario: "*".to_owned(),
             ..known()
         };
+        let stranger = Acknowledgement {
+            since: "night-99".to_owned(),
+            ..everywhere.clone()
+        };
         let all = Acknowledgements {
-            acknowledged: vec![known(), stranger],
+            acknowledged: vec![everywhere, stranger, known()],
         };
         assert_eq!(
             all.of_no_night(&nights()),
-            ["the acknowledgement of a error: `since: night-99` is no run of the history"]
+            [
+                "the acknowledgement of * error: `since: night-99` is no run of the history",
+                "the acknowledgement of a error: there is no such scenario in the history"
+            ]
         );
+    }
+
+    #[rstest]
+    #[case::a_day("2027-02-28", true)]
+    #[case::no_day_of_that_month("2027-02-29", false)]
+    #[case::no_month("2027-99-99", false)]
+    #[case::another_way("28.02.2027", false)]
+    fn it_expires_on_a_day_that_there_is(#[case] expires: &str, #[case] is_one: bool) {
+        let all = Acknowledgements {
+            acknowledged: vec![Acknowledgement {
+                expires: expires.to_owned(),
+                ..known()
+            }],
+        };
+        assert_eq!(all.problems().is_empty(), is_one, "{:?}", all.problems());
     }
 }

@@ -7,7 +7,7 @@
 use super::{
     Cause, Drift, Finding, Judgement, Kind, Metric, Night, Settings, Verdict,
     prediction::{FEWEST_NIGHTS, Prediction},
-    series::{Point, Series, lacking, level_of, remarks, series_of},
+    series::{Point, Series, gone, lacking, level_of, remarks, series_of},
 };
 use crate::{multiplicity::holm, permutation, power, relabelling::Effort};
 
@@ -55,6 +55,7 @@ pub fn judge(nights: &[Night], settings: &Settings) -> Drift {
                 findings: Vec::new(),
             },
         })
+        .chain(gone(nights, &settings.acknowledgements))
         .collect();
     Drift {
         nights: nights.iter().map(|night| night.run.clone()).collect(),
@@ -139,7 +140,7 @@ fn judgement(
             p,
             cause: Cause::between(last.measured, tonight.measured),
             acknowledged: known
-                .of(nights, &series.scenario, series.metric, tonight.run)
+                .of_run(nights, &series.scenario, series.metric, tonight.run)
                 .cloned(),
             immaterial: settings.is_immaterial(series.metric, tonight.level - level_before),
         });

@@ -11,10 +11,10 @@
 //! - a slope since the last change ([`Trend`]), which tells of what never jumps.
 
 use super::{
-    Cause, Drift, Finding, Judgement, Kind, Night, Prediction, Search, Settings, Statistic, Trend, Verdict,
-    change_points,
+    Acknowledgement, Cause, Drift, Finding, Judgement, Kind, Night, Prediction, Search, Settings, Statistic,
+    Trend, Verdict, change_points,
     prediction::FEWEST_NIGHTS,
-    series::{Point, Series, lacking, level_of, remarks, series_of},
+    series::{Point, Series, gone, lacking, level_of, remarks, series_of},
 };
 use crate::effect::median;
 
@@ -31,12 +31,25 @@ pub fn judge(nights: &[Night], settings: &Settings) -> Drift {
     let looks = (LOOKS * series.len().max(1)) as f64;
     let mut remarks = remarks(nights);
     remarks.extend(settings.acknowledgements.of_no_night(nights));
+    let mut judgements = Vec::new();
+    for series in series {
+        let lacking = lacking(&series);
+        let judgement = judgement(series, looks, nights, settings);
+        if let (Verdict::Drift, Some(lacking)) = (&judgement.verdict, lacking) {
+            remarks.push(format!(
+                "{} {}: the newest run has no number ({}: {})",
+                judgement.scenario,
+                judgement.metric.name(),
+                lacking.name(),
+                lacking.reason().unwrap_or_default()
+            ));
+        }
+        judgements.push(judgement);
+    }
+    judgements.extend(gone(nights, &settings.acknowledgements));
     Drift {
         nights: nights.iter().map(|night| night.run.clone()).collect(),
-        judgements: series
-            .into_iter()
-            .map(|series| judgement(series, looks, nights, settings))
-            .collect(),
+        judgements,
         remarks,
     }
 }
@@ -46,15 +59,20 @@ fn judgement(series: Series<'_>, looks: f64, nights: &[Night], settings: &Settin
     let known = &settings.acknowledgements;
     let begins = known.begins(nights, &series.scenario, series.metric);
     let series = series.from(begins);
-    let mut findings: Vec<Finding> = changes(&series, level, settings.seed)
+    let step = known
+        .last_step(nights, &series.scenario, series.metric)
+        .and_then(|run| series.points.iter().position(|point| point.run == run));
+    let Changes { changes, usual } = changes(&series, step, level, settings.seed);
+    let mut findings: Vec<Finding> = changes
         .into_iter()
         .map(|change| finding(&series, &change, looks, nights, settings))
         .collect();
     findings.sort_by(|a, b| a.since.cmp(&b.since));
-    let verdict = match lacking(&series) {
-        Some(lacking) => lacking,
-        None if findings.iter().any(Finding::is_news) => Verdict::Drift,
-        None => quiet(&series, level),
+    // What was told and nobody knows of is there yet, whatever became of tonight.
+    let verdict = if findings.iter().any(Finding::is_news) {
+        Verdict::Drift
+    } else {
+        lacking(&series).unwrap_or_else(|| quiet(&usual, level))
     };
     Judgement {
         scenario: series.scenario,
@@ -65,10 +83,8 @@ fn judgement(series: Series<'_>, looks: f64, nights: &[Night], settings: &Settin
     }
 }
 
-/// What is to be said where nothing was found.
-fn quiet(series: &Series<'_>, level: f64) -> Verdict {
-    let levels = series.levels();
-    let before = levels.split_last().map_or(&[][..], |(_, before)| before);
+/// What is to be said where nothing was found that is new, of what the newest night was held against.
+fn quiet(before: &[f64], level: f64) -> Verdict {
     match Prediction::of(before) {
         Some(prediction) => Verdict::NoDrift {
             detectable: prediction.detectable(level),
@@ -98,7 +114,15 @@ struct Change {
     p: f64,
 }
 
-fn changes(series: &Series<'_>, level: f64, seed: u64) -> Vec<Change> {
+/// What was found of a series.
+struct Changes {
+    changes: Vec<Change>,
+    /// The levels that the newest night was held against, for what would have been found of it.
+    usual: Vec<f64>,
+}
+
+/// The changes of a series; `step` is the place of the last night that begins a change which is known.
+fn changes(series: &Series<'_>, step: Option<usize>, level: f64, seed: u64) -> Changes {
     let levels = series.levels();
     let slope = |from: usize| {
         let trend = levels.get(from..).and_then(Trend::of);
@@ -109,7 +133,12 @@ fn changes(series: &Series<'_>, level: f64, seed: u64) -> Vec<Change> {
     if let Some(trend) = slope(0)
         && badness_of_line(&levels, trend.slope) < badness_of_steps(&levels, &jumps)
     {
-        return vec![slope_over(0, levels.len(), trend.p)];
+        return Changes {
+            changes: vec![slope_over(0, levels.len(), trend.p)],
+            usual: levels
+                .split_last()
+                .map_or_else(Vec::new, |(_, before)| before.to_vec()),
+        };
     }
     let jumps = without_misplaced(jumps, &levels, level);
     let places: Vec<usize> = jumps.iter().map(|(at, _)| *at).collect();
@@ -134,16 +163,35 @@ fn changes(series: &Series<'_>, level: f64, seed: u64) -> Vec<Change> {
     {
         changes.push(slope_over(last, levels.len(), trend.p));
     }
-    if let Some((count, p)) = newest_apart(levels.get(last..).unwrap_or_default(), level) {
-        changes.push(Change {
-            kind: Kind::Jump,
-            begins: last,
-            since: levels.len() - count,
-            ends: levels.len(),
-            p,
-        });
+    let since_last = levels.get(last..).unwrap_or_default();
+    let jump = |begins, since, ends, p| Change {
+        kind: Kind::Jump,
+        begins,
+        since,
+        ends,
+        p,
+    };
+    let step = step.and_then(|step| step.checked_sub(last)).unwrap_or(0);
+    let mut ends = levels.len();
+    if let Some((count, p)) = newest_apart(since_last, step, level) {
+        changes.push(jump(last + step, ends - count, ends, p));
+        ends -= count;
     }
-    changes
+    // The step itself is told too, as one that is known.
+    let nights = (ends - last - step).min(SHORTEST - 1);
+    if step > 0
+        && let Some(p) = since_last
+            .get(..step + nights)
+            .and_then(|nights_since| p_of_newest(nights_since, nights, 0))
+            .filter(|p| *p < level)
+    {
+        changes.push(jump(last, last + step, ends, p));
+    }
+    let before = since_last.split_last().map_or(&[][..], |(_, before)| before);
+    Changes {
+        changes,
+        usual: usual(before, step),
+    }
 }
 
 /// A change point has 5 nights behind it. One with the very last 5 may be a jump that came later: that is told by the nights
@@ -152,7 +200,7 @@ fn without_misplaced(mut jumps: Vec<(usize, f64)>, levels: &[f64], level: f64) -
     if let Some(((last, _), earlier)) = jumps.split_last() {
         let begins = earlier.last().map_or(0, |(at, _)| *at);
         let since = levels.get(begins..).unwrap_or_default();
-        if last + SHORTEST == levels.len() && newest_apart(since, level).is_some() {
+        if last + SHORTEST == levels.len() && newest_apart(since, 0, level).is_some() {
             jumps.pop();
         }
     }
@@ -160,16 +208,36 @@ fn without_misplaced(mut jumps: Vec<(usize, f64)>, levels: &[f64], level: f64) -
 }
 
 /// How many of the newest nights are apart from those before, with their p: as many as can be told.
-fn newest_apart(levels: &[f64], level: f64) -> Option<(usize, f64)> {
+fn newest_apart(levels: &[f64], step: usize, level: f64) -> Option<(usize, f64)> {
     let each = (1..SHORTEST).rev();
-    each.filter_map(|count| Some((count, p_of_newest(levels, count)?)))
+    each.filter_map(|count| Some((count, p_of_newest(levels, count, step)?)))
         .find(|(_, p)| *p < level)
 }
 
 /// The p of the newest so many nights; none where one of them is not beyond all before, or those are too few.
-fn p_of_newest(levels: &[f64], count: usize) -> Option<f64> {
+fn p_of_newest(levels: &[f64], count: usize, step: usize) -> Option<f64> {
     let (before, newest) = levels.split_at_checked(levels.len().checked_sub(count)?)?;
-    Prediction::of(before)?.p(newest)
+    // What begins with a step that is known is that step.
+    let is_the_step = step > 0 && before.len() <= step;
+    Prediction::of(&usual(before, step))
+        .filter(|_| !is_the_step)?
+        .p(newest)
+}
+
+/// What is usual after some nights, of which those from `step` on are on another level than the others, and it is known why (0
+/// if there is no such step). As long as these are few the others say by how much nights differ: brought to the new level, and
+/// further apart, since that is not known well from so few.
+fn usual(before: &[f64], step: usize) -> Vec<f64> {
+    let (earlier, own) = before.split_at_checked(step).unwrap_or((before, &[]));
+    let (Some(old), Some(new)) = (median(earlier.to_vec()), median(own.to_vec())) else {
+        return before.to_vec();
+    };
+    if own.len() >= FEWEST_NIGHTS {
+        return own.to_vec();
+    }
+    let wider = (1.0 + 1.0 / own.len() as f64).sqrt();
+    let moved = earlier.iter().map(|level| new + (level - old) * wider);
+    moved.chain(own.iter().copied()).collect()
 }
 
 /// From the first half to the second, as far as a slope can be told of as before and since.
@@ -251,6 +319,7 @@ fn finding(
     nights: &[Night],
     settings: &Settings,
 ) -> Finding {
+    let level = settings.alpha / looks;
     let points = &series.points;
     let stretch = |from: usize, to: usize| points.get(from..to).unwrap_or_default();
     // A slope goes from its first nights to its last ones.
@@ -270,6 +339,11 @@ fn finding(
     let run = |point: Option<&Point<'_>>| point.map_or_else(String::new, |point| point.run.to_owned());
     let (level_before, level_since) = (level_of(before), level_of(since));
     let since_run = run(since.first());
+    let acknowledged = settings
+        .acknowledgements
+        .near(nights, &series.scenario, series.metric, &since_run)
+        .find(|known| change.kind == Kind::Slope || is_that_jump(series, known, before, level_since, level))
+        .cloned();
     Finding {
         kind: change.kind,
         before: run(before.last()),
@@ -280,11 +354,26 @@ fn finding(
             (Some(before), Some(since)) => Cause::between(before.measured, since.measured),
             _ => Cause::Unexplained,
         },
-        acknowledged: settings
-            .acknowledgements
-            .of(nights, &series.scenario, series.metric, &since_run)
-            .cloned(),
+        acknowledged,
         immaterial: settings.is_immaterial(series.metric, level_since - level_before),
         since: since_run,
     }
+}
+
+/// Whether a jump led to the level of the run with which it was acknowledged, or to one that would not be told from that: what
+/// is near and leads elsewhere is another change.
+fn is_that_jump(
+    series: &Series<'_>,
+    known: &Acknowledgement,
+    before: &[Point<'_>],
+    level_since: f64,
+    level: f64,
+) -> bool {
+    let Some(its) = series.points.iter().find(|point| point.run == known.since) else {
+        return true;
+    };
+    let levels: Vec<f64> = before.iter().map(|point| point.level).collect();
+    let detectable = Prediction::of(&levels).map(|prediction| prediction.detectable(level));
+    let tolerance = detectable.unwrap_or_else(|| (its.level - level_of(before)).abs());
+    (level_since - its.level).abs() <= tolerance
 }

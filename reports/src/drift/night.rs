@@ -59,6 +59,7 @@ impl Metric {
         match self {
             Self::TrackingError => format!("{:.3} mm", value * 1e3),
             Self::StateAge | Self::PacketDelay | Self::Lateness => format!("{:.3} ms", value * 1e3),
+            Self::Provisioning if value.abs() < 1.0 => format!("{:.1} ms", value * 1e3),
             Self::Provisioning => format!("{value:.3} s"),
         }
     }
@@ -200,6 +201,9 @@ fn lack(scenario: &ScenarioRun) -> Lack {
         .windows
         .iter()
         .filter_map(|window| match &window.state {
+            WindowState::Invalid { record } if record.reasons.is_empty() => {
+                Some((window.number, "no reason is recorded".to_owned()))
+            }
             WindowState::Invalid { record } => Some((window.number, record.reasons.join("; "))),
             _ => None,
         })

@@ -16,8 +16,9 @@
 //! ν degrees of freedom best (by the iteration of Lange, Little and Taylor, *Robust statistical modeling using the t
 //! distribution*, JASA 84, 1989).
 //!
-//! For three and more nights nothing is taken of tails: if nights come in any order, that the newest k are all above or all
-//! below the n before has the chance 2 / C(n + k, k), exactly.
+//! For three and more nights little is taken of tails: if nights come in any order, that the newest k are all above or all
+//! below the n before has the chance 2 / C(n + k, k), exactly. Nine tenths of the level are spent on that, and one on tails, with
+//! the chance that two nights are so far off, which that of more does not exceed: of ten nights before no order says enough.
 
 use statrs::{
     distribution::{Continuous, ContinuousCDF, StudentsT},
@@ -34,8 +35,10 @@ const TAILS: [f64; 3] = [2.5, 4.0, 8.0];
 /// What is held of each of the [`TAILS`] beforehand; the rest is held of normal nights. Chosen by simulation, for few false
 /// alarms of both (docs/drift.md).
 const HEAVY: f64 = 0.1;
-/// The most nights that are judged by tails.
+/// The most nights whose tails are multiplied.
 const BY_TAILS: usize = 2;
+/// Of the level of more nights, what is spent on their order.
+const BY_ORDER: f64 = 0.9;
 /// Rounds of the fit; it moves by less than a percent of σ after ten.
 const ROUNDS: usize = 25;
 
@@ -126,15 +129,19 @@ impl Prediction {
         } else {
             return None;
         };
-        let p = if newest.len() <= BY_TAILS {
-            let tail = |kind: &Kind| kind.tail((nearest - kind.middle).abs()).powi(newest.len() as i32);
-            2.0 * self
+        let nights = newest.len().min(BY_TAILS) as i32;
+        let tail = |kind: &Kind| kind.tail((nearest - kind.middle).abs()).powi(nights);
+        let by_tails = 2.0
+            * self
                 .kinds
                 .iter()
                 .map(|kind| kind.weight * tail(kind))
-                .sum::<f64>()
+                .sum::<f64>();
+        let p = if newest.len() <= BY_TAILS {
+            by_tails
         } else {
-            2.0 / binomial((self.nights + newest.len()) as u64, newest.len() as u64)
+            let by_order = 2.0 / binomial((self.nights + newest.len()) as u64, newest.len() as u64);
+            (by_order / BY_ORDER).min(by_tails / (1.0 - BY_ORDER))
         };
         Some(p.min(1.0))
     }
@@ -271,15 +278,25 @@ mod tests {
     #[rstest]
     #[case::three(3, 2.0 / 1771.0)]
     #[case::four(4, 2.0 / 10626.0)]
-    fn three_nights_and_more_are_counted_by_their_order_alone(#[case] count: usize, #[case] p: f64) {
+    fn three_nights_and_more_are_counted_by_their_order(#[case] count: usize, #[case] p: f64) {
         // C(23, 3) = 1771, C(24, 4) = 10626.
-        let prediction = Prediction::of(&nights(4, 20)).unwrap();
-        for far in [10.0, 1000.0] {
-            let found = prediction.p(&vec![far; count]).unwrap();
-            assert!((found / p - 1.0).abs() < 1e-9, "{found} {p}");
-        }
+        let levels = nights(4, 20);
+        let prediction = Prediction::of(&levels).unwrap();
+        let most = levels.iter().copied().fold(f64::MIN, f64::max);
+        let found = prediction.p(&vec![most + 0.001; count]).unwrap();
+        assert!((found / (p / 0.9) - 1.0).abs() < 1e-9, "{found} {p}");
         assert_eq!(prediction.p(&[9.0, 9.0, 0.0]), None, "one that is not beyond");
         assert_eq!(prediction.p(&[-9.0, 9.0]), None, "on both sides");
+    }
+
+    #[test]
+    fn three_nights_very_far_off_are_told_where_their_order_says_little() {
+        let prediction = Prediction::of(&nights(4, 10)).unwrap();
+        let (three, two) = (
+            prediction.p(&[40.0; 3]).unwrap(),
+            prediction.p(&[40.0; 2]).unwrap(),
+        );
+        assert!(three < 1e-4 && (three / two - 10.0).abs() < 1e-9, "{three} {two}");
     }
 
     #[test]

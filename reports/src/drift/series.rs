@@ -2,7 +2,7 @@
 
 use std::collections::BTreeSet;
 
-use super::{Lack, Metric, Night, Verdict, night::Measured};
+use super::{Acknowledgements, Judgement, Lack, Metric, Night, Verdict, night::Measured};
 use crate::{effect::median, fields::differing, run_directory::Difference};
 
 /// What one scenario and metric came to, night after night.
@@ -72,21 +72,47 @@ pub(super) fn remarks(nights: &[Night]) -> Vec<String> {
             nights.len()
         )
     });
-    let gone = gone(nights).into_iter();
-    made_up
-        .into_iter()
-        .chain(gone.map(|scenario| format!("{scenario} is not in the newest run")))
-        .collect()
+    made_up.into_iter().collect()
 }
 
-/// Scenarios that earlier nights have and the newest does not know.
-fn gone(nights: &[Night]) -> Vec<&str> {
+/// What is said of scenarios that earlier nights have measured and the newest does not know: that is no pass, until somebody says
+/// that it is meant.
+pub(super) fn gone(nights: &[Night], known: &Acknowledgements) -> Vec<Judgement> {
     let Some((newest, earlier)) = nights.split_last() else {
         return Vec::new();
     };
+    let of = |scenario: &str| Judgement {
+        scenario: scenario.to_owned(),
+        metric: Metric::TrackingError,
+        verdict: Verdict::TooLittle {
+            reason: format!(
+                "earlier runs have it and the newest does not; if it is to be left out, acknowledge that with `since: {}`",
+                newest.run
+            ),
+        },
+        nights: earlier.iter().filter(|night| measured(night, scenario)).count(),
+        findings: Vec::new(),
+    };
+    not_in(newest, earlier)
+        .into_iter()
+        .filter(|scenario| !known.is_left_out(nights, scenario))
+        .map(of)
+        .collect()
+}
+
+fn measured(night: &Night, scenario: &str) -> bool {
+    let measured = night.scenarios.get(scenario);
+    measured.is_some_and(|measured| measured.level(Metric::TrackingError).is_some())
+}
+
+/// Scenarios that earlier nights have measured and the newest does not know.
+fn not_in<'a>(newest: &Night, earlier: &'a [Night]) -> Vec<&'a str> {
     let known: BTreeSet<&str> = earlier
         .iter()
-        .flat_map(|night| night.scenarios.keys().map(String::as_str))
+        .flat_map(|night| {
+            let scenarios = night.scenarios.keys().map(String::as_str);
+            scenarios.filter(|scenario| measured(night, scenario))
+        })
         .collect();
     known
         .into_iter()

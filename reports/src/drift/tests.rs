@@ -211,17 +211,6 @@ fn what_was_never_to_be_measured_is_not_judged() {
     assert_eq!(judged(&all).scenario, SCENARIO);
 }
 
-#[test]
-fn what_the_newest_run_does_not_know_is_remarked() {
-    let mut all = nights(10, 1, |_| USUAL_M);
-    let other = all[0].scenarios[SCENARIO].clone();
-    all[0].scenarios.insert("gone".to_owned(), other);
-    assert_eq!(
-        history::judge(&all, &Settings::default()).remarks,
-        ["gone is not in the newest run"]
-    );
-}
-
 fn jump_with(change: impl Fn(&mut Measured)) -> Cause {
     let mut all = nights(40, 5, |number| USUAL_M + if number >= 20 { 0.012 } else { 0.0 });
     for night in &mut all[20..] {
@@ -278,6 +267,126 @@ fn what_is_acknowledged_is_not_told_again_until_it_expires() {
     assert_eq!(expired.verdict, Verdict::Drift);
 }
 
+#[rstest]
+#[case::in_its_night(20)]
+#[case::a_night_later(21)]
+#[case::two(22)]
+#[case::three(23)]
+#[case::four(24)]
+#[case::five(25)]
+#[case::nine(29)]
+#[case::nineteen(39)]
+fn a_change_that_is_known_is_quiet_and_still_shown_in_every_night_since(#[case] newest: usize) {
+    let all = nights(40, 5, |number| USUAL_M + if number >= 20 { 0.012 } else { 0.0 });
+    let judgement = judged_with(&all[..=newest], &known(Baseline::Keep, "2027-01-01"));
+    assert!(
+        matches!(judgement.verdict, Verdict::NoDrift { .. }),
+        "{judgement:?}"
+    );
+    let [finding] = &judgement.findings[..] else {
+        panic!("{judgement:?}")
+    };
+    assert_eq!(finding.since, "night-020");
+    assert!((finding.level_since - finding.level_before - 0.012).abs() < 0.003);
+}
+
+// A change that is known at night 20, by 0.012, and what comes after it.
+#[rstest]
+#[case::much_larger_a_night_later(21, 0.5)]
+#[case::back_and_further_a_night_later(21, -0.03)]
+#[case::two_nights_later(22, 0.05)]
+#[case::three_nights_later(23, 0.05)]
+#[case::ten_nights_later(30, 0.05)]
+#[case::down_ten_nights_later(30, -0.03)]
+fn a_change_after_one_that_is_known_is_told_in_its_night_and_ever_since(
+    #[case] next: usize,
+    #[case] level_m: f64,
+) {
+    let level = |number| match number {
+        0..20 => USUAL_M,
+        _ if number < next => USUAL_M + 0.012,
+        _ => USUAL_M + level_m,
+    };
+    let all = nights(60, 5, level);
+    let known = known(Baseline::Keep, "2027-01-01");
+    for newest in next..60 {
+        let judgement = judged_with(&all[..=newest], &known);
+        assert_eq!(judgement.verdict, Verdict::Drift, "night {newest}: {judgement:?}");
+    }
+    let before = judged_with(&all[..next], &known);
+    assert!(matches!(before.verdict, Verdict::NoDrift { .. }), "{before:?}");
+}
+
+#[test]
+fn nights_after_a_change_that_is_known_are_seldom_called_another() {
+    let known = known(Baseline::Keep, "2027-01-01");
+    let mut told = 0;
+    for seed in 100..150 {
+        let all = nights(40, seed, |number| {
+            USUAL_M + if number >= 20 { 0.012 } else { 0.0 }
+        });
+        told += (21..40)
+            .filter(|newest| judged_with(&all[..=*newest], &known).verdict == Verdict::Drift)
+            .count();
+    }
+    // 950 nights, of which one in a hundred may be called so.
+    assert!(told <= 10, "{told}");
+}
+
+#[test]
+fn what_would_have_been_found_is_of_the_nights_since_a_change_that_is_known() {
+    let all = nights(40, 5, |number| USUAL_M + if number >= 20 { 0.5 } else { 0.0 });
+    let known = known(Baseline::Keep, "2027-01-01");
+    for newest in [21, 23, 25, 39] {
+        let detectable = detectable(&judged_with(&all[..=newest], &known).verdict);
+        assert!(
+            (3.0..20.0).contains(&(detectable / SPREAD_M)),
+            "{newest}: {detectable}"
+        );
+    }
+}
+
+#[test]
+fn a_drift_that_nobody_knows_of_is_still_one_in_a_night_without_a_number() {
+    let mut all = nights(30, 5, |number| USUAL_M + if number >= 20 { 0.012 } else { 0.0 });
+    without_windows(
+        all.last_mut().unwrap(),
+        Lack::Invalid("window 1: late".to_owned()),
+    );
+    let drift = history::judge(&all, &Settings::default());
+    assert_eq!(drift.verdict(), Verdict::Drift);
+    assert!(
+        drift.remarks[0].contains("no number (invalid measurement: window 1: late)"),
+        "{drift:?}"
+    );
+    let known = history::judge(&all, &known(Baseline::Keep, "2027-01-01"));
+    assert!(matches!(known.verdict(), Verdict::Invalid { .. }), "{known:?}");
+}
+
+#[test]
+fn a_scenario_that_is_not_measured_any_more_is_no_pass_until_somebody_says_that_it_is_meant() {
+    let mut all = nights(30, 1, |_| USUAL_M);
+    for night in &mut all[..20] {
+        let measured = night.scenarios[SCENARIO].clone();
+        night.scenarios.insert("gone".to_owned(), measured);
+    }
+    let drift = history::judge(&all, &Settings::default());
+    let [_, gone] = &drift.judgements[..] else {
+        panic!("{drift:?}")
+    };
+    assert_eq!((gone.scenario.as_str(), gone.nights), ("gone", 20));
+    assert!(matches!(drift.verdict(), Verdict::TooLittle { .. }), "{drift:?}");
+
+    let mut meant = known(Baseline::Keep, "2027-01-01");
+    meant.acknowledgements.acknowledged[0].scenario = "gone".to_owned();
+    let drift = history::judge(&all, &meant);
+    assert_eq!(drift.judgements.len(), 1);
+    assert!(matches!(drift.verdict(), Verdict::NoDrift { .. }), "{drift:?}");
+    meant.acknowledgements.acknowledged[0].since = "night-019".to_owned();
+    let had_it = history::judge(&all, &meant);
+    assert_eq!(had_it.judgements.len(), 2, "that run had it: {had_it:?}");
+}
+
 #[test]
 fn a_baseline_that_was_reset_begins_with_the_change() {
     let level = |number| match number {
@@ -323,6 +432,22 @@ fn a_night_is_judged_against_what_the_baselines_nights_differ_by_anyway() {
     let judgement = against_baseline(8, USUAL_M + 0.02);
     assert_eq!(judgement.verdict, Verdict::Drift, "{judgement:?}");
     assert_eq!(judgement.findings[0].kind, Kind::FromBaseline);
+}
+
+#[test]
+fn of_a_candidate_only_what_was_said_of_itself_is_known() {
+    let mut all = nights(24, 6, |_| USUAL_M);
+    all.push(night(99, USUAL_M + 0.5));
+    let mut settings = known(Baseline::Keep, "2027-01-01");
+    for (since, verdict) in [
+        ("night-023", Verdict::Drift),
+        ("night-022", Verdict::Drift),
+        ("night-099", Verdict::NoDrift { detectable: 0.0 }),
+    ] {
+        since.clone_into(&mut settings.acknowledgements.acknowledged[0].since);
+        let found = baseline::judge(&all, &settings).verdict();
+        assert_eq!(found.name(), verdict.name(), "{since}");
+    }
 }
 
 #[test]
