@@ -6,7 +6,8 @@
 use crate::{
     dependence::Dependence,
     merged::Merged,
-    relabelling::{Effort, PermutationTest, Relabellings},
+    permutation,
+    relabelling::{Effort, PermutationTest, Relabellings, labellings},
 };
 
 /// How many window pairs of two scenarios are rejected when blocks of neighbouring values are dealt anew.
@@ -18,6 +19,8 @@ pub struct BlockCount {
     pub pairs: usize,
     /// Those of them whose p is below the level.
     pub rejected: usize,
+    /// Those of them that have blocks enough for a p below the level.
+    pub possible: usize,
 }
 
 /// Draws of each window pair: p to 5e-4.
@@ -35,12 +38,30 @@ impl BlockCount {
             seed,
         };
         let pairs = a.iter().flat_map(|x| b.iter().map(move |y| (*x, *y)));
+        let possible = pairs
+            .clone()
+            .filter(|(x, y)| smallest_p(x, y, block, effort) < alpha);
+        let possible = possible.count();
         let tests: Vec<PermutationTest> = pairs.filter_map(|(x, y)| test(x, y, block, effort)).collect();
         Self {
             block,
             pairs: tests.len(),
             rejected: tests.iter().filter(|test| test.p < alpha).count(),
+            possible,
         }
+    }
+}
+
+/// The smallest p that [`test`] can reach with so many blocks and so much effort, whatever is measured.
+#[must_use]
+pub fn smallest_p(x: &[f64], y: &[f64], block: usize, effort: Effort) -> f64 {
+    let blocks = |values: &[f64]| values.len() / block.max(1);
+    let (n, m) = (blocks(x), blocks(y));
+    let of_blocks = permutation::smallest_p(n, m);
+    if labellings(&[n, m]) <= effort.enumerate as f64 {
+        of_blocks
+    } else {
+        of_blocks.max(1.0 / (f64::from(effort.draws) + 1.0))
     }
 }
 
@@ -100,6 +121,38 @@ mod tests {
             let found = test(&x, &y, block, EFFORT).unwrap();
             assert!(found.statistic == 1.0 && (found.p - p).abs() < 1e-12, "{found:?}");
         }
+    }
+
+    #[test]
+    fn windows_of_few_blocks_cannot_be_rejected_however_far_they_are_apart() {
+        // Levels that go far up and down, so that a block is half of a window or so.
+        let slow = |level: f64| -> Vec<f64> {
+            (0..60)
+                .map(|i| level + (f64::from(i) * std::f64::consts::TAU / 60.0).sin())
+                .collect()
+        };
+        let (x, y) = (slow(0.0), slow(100.0));
+        let found = BlockCount::of(&[&x, &x], &[&y, &y], 0.001, 1);
+        assert!((15..=60).contains(&found.block), "{found:?}");
+        assert_eq!((found.pairs, found.rejected, found.possible), (4, 0, 0));
+        let mut random = Noise::new(6);
+        let (x, mut y) = (random.ar1(60, 0.0), random.ar1(60, 0.0));
+        for value in &mut y {
+            *value += 100.0;
+        }
+        let found = BlockCount::of(&[&x], &[&y], 0.001, 1);
+        assert_eq!((found.pairs, found.rejected, found.possible), (1, 1, 1));
+        // 1 999 draws reach no p below 0.0005.
+        assert_eq!(BlockCount::of(&[&x], &[&y], 0.0005, 1).possible, 0);
+    }
+
+    #[test]
+    fn the_smallest_p_is_that_of_the_blocks() {
+        let values = [0.0; 60];
+        for (block, p) in [(20, 2.0 / 20.0), (30, 2.0 / 6.0), (60, 1.0), (61, 1.0)] {
+            assert_eq!(smallest_p(&values, &values, block, EFFORT), p);
+        }
+        assert_eq!(smallest_p(&values, &values, 1, EFFORT), 1.0 / 500.0);
     }
 
     #[test]

@@ -44,7 +44,7 @@ pub struct Rate {
     pub nominal: f64,
     /// Trials that it rejected.
     pub rejected: usize,
-    /// Trials.
+    /// Trials; none where no p could have been below the level.
     pub trials: usize,
 }
 
@@ -152,22 +152,28 @@ struct Counts {
 
 impl Counts {
     fn add(&mut self, method: &'static str, data: &'static str, p: Option<f64>) {
-        let Some(p) = p else { return };
+        self.add_above(method, data, p.map(|p| (p, 0.0)));
+    }
+
+    /// A p and the smallest that it could have been: what could not have been rejected is no trial.
+    fn add_above(&mut self, method: &'static str, data: &'static str, found: Option<(f64, f64)>) {
+        let Some((p, smallest)) = found else { return };
         for nominal in self.levels {
             let same =
                 |rate: &&mut Rate| rate.method == method && rate.data == data && rate.nominal == nominal;
             let rejected = usize::from(p < nominal);
+            let trials = usize::from(smallest < nominal);
             match self.rates.iter_mut().find(same) {
                 Some(rate) => {
                     rate.rejected += rejected;
-                    rate.trials += 1;
+                    rate.trials += trials;
                 }
                 None => self.rates.push(Rate {
                     method,
                     data,
                     nominal,
                     rejected,
-                    trials: 1,
+                    trials,
                 }),
             }
         }
@@ -186,7 +192,7 @@ fn within_scenarios(samples: &[Sample], settings: &ReportSettings, counts: &mut 
         for (at, x) in windows.iter().enumerate() {
             for y in windows.iter().skip(at + 1) {
                 counts.add(KS, REAL, ks::test(x, y).ok().map(|test| test.p));
-                counts.add(BLOCKS, REAL, by_blocks(x, y, block, settings.seed));
+                counts.add_above(BLOCKS, REAL, by_blocks(x, y, block, settings.seed));
             }
         }
         let levels = effect::levels(&windows);
@@ -230,7 +236,7 @@ fn trial(
     if let (Some(x), Some(y)) = (a.first(), b.first()) {
         counts.add(KS, data, ks::test(x, y).ok().map(|test| test.p));
         let block = Dependence::block_of(&a).max(Dependence::block_of(&b));
-        counts.add(BLOCKS, data, by_blocks(x, y, block, settings.seed));
+        counts.add_above(BLOCKS, data, by_blocks(x, y, block, settings.seed));
     }
     let levels: Vec<Vec<f64>> = (0..scenarios.len())
         .map(|at| effect::levels(&windows(at)))
@@ -270,8 +276,10 @@ const fn effort(seed: u64) -> Effort {
     }
 }
 
-fn by_blocks(x: &[f64], y: &[f64], block: usize, seed: u64) -> Option<f64> {
-    block_permutation::test(x, y, block, effort(seed)).map(|test| test.p)
+/// p, and the smallest that it could have been.
+fn by_blocks(x: &[f64], y: &[f64], block: usize, seed: u64) -> Option<(f64, f64)> {
+    let test = block_permutation::test(x, y, block, effort(seed))?;
+    Some((test.p, block_permutation::smallest_p(x, y, block, effort(seed))))
 }
 
 #[cfg(test)]
@@ -334,6 +342,19 @@ mod tests {
         };
         assert_eq!(trials(KS), Some((REAL, 18)));
         assert_eq!(trials(LEVEL), Some((REAL, 9)), "three ways to halve four windows");
+    }
+
+    #[test]
+    fn windows_of_too_few_blocks_are_no_trials_of_blocks() {
+        let found = selftest(&samples(0.0, 0.97), &ReportSettings::default(), 0).unwrap();
+        let rate = |method, nominal| {
+            let mut rates = found.rates.iter();
+            rates
+                .find(|rate| rate.method == method && rate.nominal == nominal)
+                .map(|rate| (rate.rejected, rate.trials, rate.share().is_some()))
+        };
+        assert_eq!(rate(BLOCKS, 0.001), Some((0, 0, false)));
+        assert!(matches!(rate(KS, 0.001), Some((_, 18, true))));
     }
 
     #[test]

@@ -2,8 +2,12 @@
 //! reader of the counts, which take values for independent, has to know. The main type is [`WithinWindows`].
 
 use crate::{
-    dependence::Dependence, run::ScenarioRun, run_directory::SLICES, sample::Sample,
-    settings::ReportSettings, steadiness::Steadiness,
+    dependence::Dependence,
+    run::ScenarioRun,
+    run_directory::SLICES,
+    sample::Sample,
+    settings::ReportSettings,
+    steadiness::{self, Steadiness, Unseen},
 };
 
 /// Within the windows of one scenario that count.
@@ -15,6 +19,35 @@ pub struct WithinWindows {
     pub cut: Vec<(u32, u32)>,
     /// The windows of which what is left is not steady, by number.
     pub unsteady: Vec<(u32, Steadiness)>,
+    /// Windows that count.
+    pub windows: usize,
+    /// What could not be looked for in which windows, and why.
+    pub unseen: Vec<(u32, Look, Unseen)>,
+    /// Periods in a block when a change of level is looked for.
+    pub change_block: usize,
+}
+
+/// What a window is looked at for.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Look {
+    /// A warm-up.
+    WarmUp,
+    /// A change of level.
+    Change,
+}
+
+impl Look {
+    /// Both.
+    pub const ALL: [Self; 2] = [Self::WarmUp, Self::Change];
+
+    /// Its name in reports.
+    #[must_use]
+    pub const fn name(self) -> &'static str {
+        match self {
+            Self::WarmUp => "warm-up",
+            Self::Change => "change of level",
+        }
+    }
 }
 
 impl WithinWindows {
@@ -30,9 +63,9 @@ impl WithinWindows {
         }
         let windows: Vec<&[f64]> = samples.iter().map(|sample| sample.errors_m.as_slice()).collect();
         let dependence = Dependence::of(&windows);
-        let block = dependence.as_ref().map_or(1, Dependence::block);
-        let (mut cut, mut unsteady) = (Vec::new(), Vec::new());
-        for sample in samples {
+        let noise = steadiness::dependence_but_for_changes(&windows);
+        let (mut cut, mut unsteady, mut unseen) = (Vec::new(), Vec::new(), Vec::new());
+        for sample in &samples {
             let Some((number, record, trace)) =
                 scenario.counted().find(|(number, _, _)| *number == sample.window)
             else {
@@ -47,7 +80,13 @@ impl WithinWindows {
                 .slices_m
                 .get(left_out as usize * SLICES..)
                 .unwrap_or_default();
-            let found = Steadiness::of(slices, SLICES, &sample.errors_m, block, settings.seed);
+            let found = Steadiness::of(slices, SLICES, &sample.errors_m, noise.as_ref(), settings.seed);
+            for (look, why) in Look::ALL
+                .into_iter()
+                .zip([found.warm_up_unseen, found.change_unseen])
+            {
+                unseen.extend(why.map(|why| (number, look, why)));
+            }
             if !found.is_steady() {
                 unsteady.push((number, found));
             }
@@ -56,6 +95,15 @@ impl WithinWindows {
             dependence,
             cut,
             unsteady,
+            windows: samples.len(),
+            unseen,
+            change_block: noise.as_ref().map_or(1, Dependence::block),
         })
+    }
+
+    /// Whether any window could be looked at for anything.
+    #[must_use]
+    pub fn is_looked_at(&self) -> bool {
+        self.unseen.len() < Look::ALL.len() * self.windows
     }
 }

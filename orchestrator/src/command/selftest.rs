@@ -105,6 +105,7 @@ fn line(rate: &Rate) -> String {
     let (low, high) = rate.interval();
     // What is asked for is outside of what was found.
     let verdict = match (rate.nominal < low, rate.nominal > high) {
+        _ if rate.trials == 0 => "cannot",
         (true, _) => "too often",
         (_, true) => "seldom",
         _ => "",
@@ -136,6 +137,8 @@ mod tests {
         assert!(line(&rate(200)).ends_with("too often"), "{}", line(&rate(200)));
         assert!(line(&rate(0)).ends_with("seldom"));
         assert!(line(&rate(20)).ends_with(']'));
+        let never = Rate { trials: 0, ..rate(0) };
+        assert!(line(&never).ends_with("cannot"), "{}", line(&never));
         assert!(line(&rate(200)).chars().count() <= 80, "{}", line(&rate(200)));
     }
 }

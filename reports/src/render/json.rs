@@ -149,6 +149,12 @@ fn within(within: &WithinWindows) -> Value {
             "change_m": found.change.map(|change| change.by),
             "change_p": found.change.map(|change| change.p),
         })).collect::<Vec<_>>(),
+        "change_block_periods": within.change_block,
+        "not_looked_for": within.unseen.iter().map(|(window, look, why)| json!({
+            "window": window,
+            "look": look.name(),
+            "reason": why.to_string(),
+        })).collect::<Vec<_>>(),
     })
 }
 
@@ -230,6 +236,7 @@ fn contrast(report: &Report, pair: &Contrast) -> Value {
             "block": blocks.block,
             "pairs": blocks.pairs,
             "rejected": blocks.rejected,
+            "possible": blocks.possible,
         })),
         "p_holm": pair.p_holm,
         "p_benjamini_yekutieli": pair.p_benjamini_yekutieli,

@@ -27,7 +27,10 @@ fn blocks(report: &Report) -> Option<Table> {
             pair.b.clone(),
             tally.pairs.to_string(),
             tally.rejected.to_string(),
-            format!("{} of {}", blocks.rejected, blocks.pairs),
+            match blocks.possible {
+                0 => "cannot".to_owned(),
+                possible => format!("{} of {possible}", blocks.rejected),
+            },
             blocks.block.to_string(),
         ])
     };
@@ -45,8 +48,9 @@ fn blocks(report: &Report) -> Option<Table> {
         rows,
         notes: vec![format!(
             "Rejected: window pairs as in tables 2 and 3. By blocks: the same distance, its p by dealing blocks of so many \
-             neighbouring periods anew (twice the autocorrelation time), {DRAWS} draws. What shifts a window as a whole is \
-             still taken for a difference."
+             neighbouring periods anew (twice the autocorrelation time), {DRAWS} draws; of the pairs with blocks enough for \
+             a p below {}, and \"cannot\" where none has. What shifts a window as a whole is still taken for a difference.",
+            report.settings.alpha
         )],
     })
 }

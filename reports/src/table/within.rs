@@ -1,7 +1,12 @@
 //! What the values within the windows have to do with each other, and which windows are not steady.
 
 use super::{NO_DATA, Table, clipped, texts};
-use crate::{report::Report, settings::WarmUp, steadiness::CHANGE_LEVEL};
+use crate::{
+    report::Report,
+    settings::WarmUp,
+    steadiness::CHANGE_LEVEL,
+    within::{Look, WithinWindows},
+};
 
 pub(super) fn of(report: &Report) -> Table {
     let rows = report
@@ -21,7 +26,10 @@ pub(super) fn of(report: &Report) -> Table {
                 ]),
                 None => row.extend(["–", "–", "–"].map(str::to_owned)),
             }
-            row.push(within.unsteady.len().to_string());
+            row.push(match within.is_looked_at() {
+                true => within.unsteady.len().to_string(),
+                false => "–".to_owned(),
+            });
             row
         })
         .collect();
@@ -35,6 +43,8 @@ pub(super) fn of(report: &Report) -> Table {
         }
     )];
     for scenario in &report.scenarios {
+        let unseen = scenario.within.iter().flat_map(unseen);
+        notes.extend(unseen.map(|unseen| format!("{}: {unseen}", scenario.id)));
         for (window, periods) in scenario.within.iter().flat_map(|within| &within.cut) {
             let id = &scenario.id;
             let periods = match periods {
@@ -73,4 +83,29 @@ pub(super) fn of(report: &Report) -> Table {
         rows,
         notes,
     }
+}
+
+/// What could not be looked for, a sentence each.
+fn unseen(within: &WithinWindows) -> Vec<String> {
+    let of = |look: Look| {
+        let found = within.unseen.iter().filter(|(_, it, _)| *it == look);
+        let found: Vec<_> = found.collect();
+        let mut reasons: Vec<String> = found.iter().map(|(_, _, why)| why.to_string()).collect();
+        reasons.dedup();
+        let windows = match found.len() {
+            all if all == within.windows => "any window".to_owned(),
+            _ => {
+                let numbers: Vec<String> = found.iter().map(|(window, ..)| window.to_string()).collect();
+                format!("window {}", numbers.join(", "))
+            }
+        };
+        (!found.is_empty()).then(|| {
+            format!(
+                "no {} could be looked for in {windows} ({}).",
+                look.name(),
+                reasons.join("; ")
+            )
+        })
+    };
+    Look::ALL.into_iter().filter_map(of).collect()
 }

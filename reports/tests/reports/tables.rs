@@ -4,7 +4,9 @@ use reports::{
     Report, analyse,
     run_directory::{EnvironmentRecord, Event, Outcome},
     settings::{Metric, ReportSettings, WarmUp},
+    steadiness::Unseen,
     traffic::Traffic,
+    within::Look,
 };
 use serde_json::{Value, json};
 use workload::record::window::{ReleaseRecord, Verdict};
@@ -165,6 +167,54 @@ fn what_a_window_warms_up_is_flagged_and_cut_only_if_asked() {
         let words = markdown.split_whitespace().collect::<Vec<_>>().join(" ");
         assert!(words.contains(said), "{markdown}");
     }
+}
+
+#[test]
+fn a_step_in_the_middle_is_no_warm_up_and_nothing_is_cut_for_it() {
+    let synthetic = Synthetic::new(&[Scenario::measured("x86-debian-native", &[0.1, 0.1, 0.1])]);
+    let (low, high) = (log(1, 0.1, 7), log(1, 0.3, 8));
+    // The header, and 15 of 30 periods of ten steps.
+    let begins: String = low.split_inclusive('\n').take(151).collect();
+    let goes_on: String = high.split_inclusive('\n').skip(151).collect();
+    synthetic.write_window("x86-debian-native", 2, &(begins + &goes_on));
+    let run = reports::load(synthetic.directory.path()).unwrap();
+    let settings = ReportSettings {
+        warm_up: WarmUp::Cut,
+        ..ReportSettings::default()
+    };
+    let report = analyse(&run, Traffic::default(), &settings);
+    let within = report.scenarios[0].within.clone().unwrap();
+    assert_eq!(within.cut, []);
+    assert!(within.unsteady.iter().all(|(_, found)| found.warm_up.is_none()));
+    assert_eq!(within.unseen, []);
+}
+
+#[test]
+fn what_could_not_be_looked_at_is_not_called_steady() {
+    let synthetic = Synthetic::new(&[Scenario::measured("x86-debian-native", &[0.1, 0.1])]);
+    let run = reports::load(synthetic.directory.path()).unwrap();
+    let settings = ReportSettings {
+        discard_periods: 27,
+        ..ReportSettings::default()
+    };
+    let mut report = analyse(&run, Traffic::default(), &settings);
+    let words = |report: &Report| {
+        let markdown = report.markdown();
+        markdown.split_whitespace().collect::<Vec<_>>().join(" ")
+    };
+    let said = words(&report);
+    assert!(
+        said.contains("a: no warm-up could be looked for in window 1 (fewer than 4 periods)."),
+        "{said}"
+    );
+    let within = report.scenarios[0].within.as_ref().unwrap();
+    assert!(within.is_looked_at(), "the second window was");
+
+    let within = report.scenarios[0].within.as_mut().unwrap();
+    within.unseen = (1..=2)
+        .flat_map(|window| Look::ALL.map(|look| (window, look, Unseen::FewBlocks(12))))
+        .collect();
+    assert!(!within.is_looked_at());
 }
 
 #[test]
