@@ -52,11 +52,15 @@ impl BlockCount {
     }
 }
 
+/// How many blocks a window has.
+fn blocks(values: &[f64], block: usize) -> usize {
+    values.len() / block.max(1)
+}
+
 /// The smallest p that [`test`] can reach with so many blocks and so much effort, whatever is measured.
 #[must_use]
 pub fn smallest_p(x: &[f64], y: &[f64], block: usize, effort: Effort) -> f64 {
-    let blocks = |values: &[f64]| values.len() / block.max(1);
-    let (n, m) = (blocks(x), blocks(y));
+    let (n, m) = (blocks(x, block), blocks(y, block));
     let of_blocks = permutation::smallest_p(n, m);
     if labellings(&[n, m]) <= effort.enumerate as f64 {
         of_blocks
@@ -69,8 +73,7 @@ pub fn smallest_p(x: &[f64], y: &[f64], block: usize, effort: Effort) -> f64 {
 /// that all are equally long. None where a window has no block.
 #[must_use]
 pub fn test(x: &[f64], y: &[f64], block: usize, effort: Effort) -> Option<PermutationTest> {
-    let blocks = |values: &[f64]| values.len() / block.max(1);
-    let (n, m) = (blocks(x), blocks(y));
+    let (n, m) = (blocks(x, block), blocks(y, block));
     if n == 0 || m == 0 {
         return None;
     }

@@ -15,9 +15,11 @@
 
 use std::fmt;
 
-use crate::dependence::Dependence;
-use crate::effect::median;
-use crate::relabelling::{Coverage, Effort, Relabellings};
+use crate::{
+    dependence::Dependence,
+    effect::median,
+    relabelling::{Coverage, Effort, Relabellings},
+};
 
 /// A change of level is told below this p.
 pub const CHANGE_LEVEL: f64 = 0.01;

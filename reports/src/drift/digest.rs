@@ -107,9 +107,5 @@ fn state_of(directory: &RunDirectory) -> io::Result<String> {
         hasher.update(name.as_os_str().as_encoded_bytes());
         hasher.update(format!("\0{bytes}\0{changed_ns}\0"));
     }
-    Ok(hasher
-        .finalize()
-        .iter()
-        .map(|byte| format!("{byte:02x}"))
-        .collect())
+    Ok(format!("{:x}", hasher.finalize()))
 }

@@ -135,26 +135,30 @@ fn changes(series: &Series<'_>, step: Option<usize>, level: f64, seed: u64) -> C
     {
         return Changes {
             changes: vec![slope_over(0, levels.len(), trend.p)],
-            usual: levels
-                .split_last()
-                .map_or_else(Vec::new, |(_, before)| before.to_vec()),
+            usual: all_but_newest(&levels).to_vec(),
         };
     }
     let jumps = without_misplaced(jumps, &levels, level);
+    let jump = |begins, since, ends, p| Change {
+        kind: Kind::Jump,
+        begins,
+        since,
+        ends,
+        p,
+    };
     let places: Vec<usize> = jumps.iter().map(|(at, _)| *at).collect();
     let mut changes: Vec<Change> = jumps
         .iter()
         .enumerate()
-        .map(|(nth, (since, p))| Change {
-            kind: Kind::Jump,
-            begins: nth
-                .checked_sub(1)
-                .and_then(|before| places.get(before))
-                .copied()
-                .unwrap_or(0),
-            since: *since,
-            ends: places.get(nth + 1).copied().unwrap_or(levels.len()),
-            p: *p,
+        .map(|(nth, (since, p))| {
+            let before = nth.checked_sub(1).and_then(|before| places.get(before));
+            let next = places.get(nth + 1);
+            jump(
+                before.copied().unwrap_or(0),
+                *since,
+                next.copied().unwrap_or(levels.len()),
+                *p,
+            )
         })
         .collect();
     let last = places.last().copied().unwrap_or(0);
@@ -164,13 +168,6 @@ fn changes(series: &Series<'_>, step: Option<usize>, level: f64, seed: u64) -> C
         changes.push(slope_over(last, levels.len(), trend.p));
     }
     let since_last = levels.get(last..).unwrap_or_default();
-    let jump = |begins, since, ends, p| Change {
-        kind: Kind::Jump,
-        begins,
-        since,
-        ends,
-        p,
-    };
     let step = step.and_then(|step| step.checked_sub(last)).unwrap_or(0);
     let mut ends = levels.len();
     if let Some((count, p)) = newest_apart(since_last, step, level) {
@@ -187,11 +184,14 @@ fn changes(series: &Series<'_>, step: Option<usize>, level: f64, seed: u64) -> C
     {
         changes.push(jump(last, last + step, ends, p));
     }
-    let before = since_last.split_last().map_or(&[][..], |(_, before)| before);
     Changes {
         changes,
-        usual: usual(before, step),
+        usual: usual(all_but_newest(since_last), step),
     }
+}
+
+fn all_but_newest(levels: &[f64]) -> &[f64] {
+    levels.split_last().map_or(&[], |(_, before)| before)
 }
 
 /// A change point has 5 nights behind it. One with the very last 5 may be a jump that came later: that is told by the nights
@@ -218,10 +218,10 @@ fn newest_apart(levels: &[f64], step: usize, level: f64) -> Option<(usize, f64)>
 fn p_of_newest(levels: &[f64], count: usize, step: usize) -> Option<f64> {
     let (before, newest) = levels.split_at_checked(levels.len().checked_sub(count)?)?;
     // What begins with a step that is known is that step.
-    let is_the_step = step > 0 && before.len() <= step;
-    Prediction::of(&usual(before, step))
-        .filter(|_| !is_the_step)?
-        .p(newest)
+    if step > 0 && before.len() <= step {
+        return None;
+    }
+    Prediction::of(&usual(before, step))?.p(newest)
 }
 
 /// What is usual after some nights, of which those from `step` on are on another level than the others, and it is known why (0

@@ -81,8 +81,8 @@ fn all_contrasts(report: &Report) -> PolarsResult<DataFrame> {
     let high = |of: fn(&Effect) -> &Estimate| column(report, move |c| of(&c.effect).interval.map(|i| i.high));
     let unlike = |a: &str, b: &str| unlike(report, a, b);
     df![
-        "a" => column(report, |c| &*c.a),
-        "b" => column(report, |c| &*c.b),
+        "a" => column(report, |c| c.a.as_str()),
+        "b" => column(report, |c| c.b.as_str()),
         "n" => column(report, |c| c.n as u64),
         "m" => column(report, |c| c.m as u64),
         "p" => column(report, |c| c.level.p),

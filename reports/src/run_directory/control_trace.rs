@@ -473,12 +473,7 @@ impl<R> Hashing<R> {
         if self.bytes != record.bytes {
             return difference("length", record.bytes.to_string(), self.bytes.to_string());
         }
-        let sha256: String = self
-            .hasher
-            .finalize()
-            .iter()
-            .map(|byte| format!("{byte:02x}"))
-            .collect();
+        let sha256 = format!("{:x}", self.hasher.finalize());
         if sha256.eq_ignore_ascii_case(&record.sha256) {
             return None;
         }

@@ -120,14 +120,19 @@ fn the_first_period_of_a_run_is_left_out_and_of_its_other_windows_not() {
     );
 }
 
+/// A log that is as the first for so many periods, of ten steps each, and then as the second.
+fn turning(first: &str, periods: usize, second: &str) -> String {
+    // The header is a line too.
+    let lines = 1 + 10 * periods;
+    let begins = first.split_inclusive('\n').take(lines);
+    begins.chain(second.split_inclusive('\n').skip(lines)).collect()
+}
+
 #[test]
 fn what_a_window_warms_up_is_flagged_and_cut_only_if_asked() {
     let synthetic = Synthetic::new(&[Scenario::measured("x86-debian-native", &[0.1, 0.1, 0.1])]);
-    let (warm, cold) = (log(1, 0.1, 7), log(1, 0.3, 8));
-    // The header, and five periods of ten steps.
-    let begins: String = cold.split_inclusive('\n').take(51).collect();
-    let goes_on: String = warm.split_inclusive('\n').skip(51).collect();
-    synthetic.write_window("x86-debian-native", 2, &(begins + &goes_on));
+    let log = turning(&log(1, 0.3, 8), 5, &log(1, 0.1, 7));
+    synthetic.write_window("x86-debian-native", 2, &log);
     let run = reports::load(synthetic.directory.path()).unwrap();
     let report_with = |warm_up| {
         let settings = ReportSettings {
@@ -172,11 +177,8 @@ fn what_a_window_warms_up_is_flagged_and_cut_only_if_asked() {
 #[test]
 fn a_step_in_the_middle_is_no_warm_up_and_nothing_is_cut_for_it() {
     let synthetic = Synthetic::new(&[Scenario::measured("x86-debian-native", &[0.1, 0.1, 0.1])]);
-    let (low, high) = (log(1, 0.1, 7), log(1, 0.3, 8));
-    // The header, and 15 of 30 periods of ten steps.
-    let begins: String = low.split_inclusive('\n').take(151).collect();
-    let goes_on: String = high.split_inclusive('\n').skip(151).collect();
-    synthetic.write_window("x86-debian-native", 2, &(begins + &goes_on));
+    let log = turning(&log(1, 0.1, 7), 15, &log(1, 0.3, 8));
+    synthetic.write_window("x86-debian-native", 2, &log);
     let run = reports::load(synthetic.directory.path()).unwrap();
     let settings = ReportSettings {
         warm_up: WarmUp::Cut,
