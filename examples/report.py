@@ -1,7 +1,7 @@
 # %% [markdown]
 # # A report in Python
 #
-# Reads what `matrix report` leaves in `RUN/report`, counts the paper's tables again from the single comparisons, and draws the
+# Reads what `matrix report` leaves in `RUN/report`, makes the paper's tables again from the single comparisons, and draws the
 # two distribution functions of a pair anew. docs/report-columns.md names every column and its unit.
 #
 # A notebook with `# %%` cells (VS Code, Spyder, Jupytext), or a program: `python examples/report.py RUN [FIGURE.png]`, with
@@ -13,11 +13,13 @@ import sys
 from pathlib import Path
 
 import polars as pl
+import polars.selectors as cs
 
 run = Path(sys.argv[1] if len(sys.argv) > 1 else "runs/my-run")
 folder = run / "report"
 report = json.loads((folder / "report.json").read_text())
 comparisons = pl.read_parquet(folder / "comparisons.parquet")
+scenarios = pl.read_parquet(folder / "scenarios.parquet")
 samples = pl.read_parquet(folder / "samples.parquet")
 contrasts = pl.read_csv(folder / "contrasts.csv")  # the same as contrasts.parquet
 print(f"{report['run']}: {len(report['scenarios'])} scenarios, {comparisons.height} comparisons of two windows")
@@ -25,17 +27,43 @@ if report["simulated"]:
     print("SIMULATED, NOT MEASURED")
 
 # %% [markdown]
-# ## Tables 1 to 3: how many window pairs were rejected
+# ## Tables III to V: how many window pairs were rejected
 #
-# Of a scenario with itself (table 1) and of two scenarios (tables 2 and 3).
+# Each is a filter, a join or a pivot of the counts, and these are a group-by of the comparisons.
 
 # %%
-counts = (
-    comparisons.group_by("a", "b", maintain_order=True)
-    .agg(pairs=pl.len(), rejected=pl.col("rejected").sum())
-    .sort("a", "b")
+counts = comparisons.group_by(
+    cs.by_name("a", "b", "same_scenario") | cs.matches("^[ab]_(platform|os|virtualization|is_control)$"),
+    maintain_order=True,
+).agg(pairs=pl.len(), rejected=pl.col("rejected").sum())
+
+# III: each scenario that can run against itself. Without data there is no count, and never a zero.
+table_3 = (
+    scenarios.filter("can_run")
+    .join(counts.filter("same_scenario"), left_on="id", right_on="a", how="left", maintain_order="left")
+    .select("id", "hardware", "os", "virtualization", "windows_counted", "pairs", "rejected")
 )
-print(counts)
+print(table_3)
+
+# IV: the controls against each other, and two virtualizations on each platform.
+controls = counts.filter("a_is_control", "b_is_control", ~pl.col("same_scenario"))
+virtualizations = counts.filter(
+    ~pl.col("a_is_control"),
+    ~pl.col("b_is_control"),
+    pl.col("a_platform") == pl.col("b_platform"),
+    pl.col("a_virtualization") != pl.col("b_virtualization"),
+)
+table_4 = pl.concat([controls, virtualizations]).select("a", "a_os", "b", "b_os", "pairs", "rejected")
+print(table_4)
+
+# V: each control against the others, which may stand on either side.
+turned = {"a": "b", "b": "a"}
+other_side = counts.rename(
+    {name: turned[name[0]] + name[1:] for name in counts.columns if name[:2] in ("a", "b", "a_", "b_")}
+).select(counts.columns)
+against_control = pl.concat([counts, other_side]).filter("a_is_control", ~pl.col("b_is_control"))
+table_5 = against_control.pivot("b_platform", index=["a", "b_virtualization"], values="rejected")
+print(table_5)
 
 # The report's own counts. Without data there is no row, and never a zero.
 for row in counts.iter_rows(named=True):

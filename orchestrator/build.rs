@@ -1,4 +1,5 @@
-//! Builds the static `workload` binary that `matrix` carries and deploys, and hands its path to `include_bytes!`.
+//! Builds the static `workload` binary that `matrix` carries and deploys, and hands its path to `include_bytes!`. Hands over
+//! the git revision of the sources too, for `manifest.json`.
 //!
 //! It is a build of its own, in a profile, a target directory and with flags of its own: the outer build may be a debug
 //! build, a `clippy` run or have features on that the deployed binary must not have.
@@ -38,6 +39,22 @@ const NOT_INHERITED_PREFIXES: [&str; 5] = [
     "DEP_",
 ];
 
+/// All that `matrix` is built of: a change here builds it again, and makes the tree dirty.
+const SOURCES: [&str; 12] = [
+    "Cargo.lock",
+    "Cargo.toml",
+    "dockerfiles",
+    "orchestrator/Cargo.toml",
+    "orchestrator/build.rs",
+    "orchestrator/src",
+    "reports/Cargo.toml",
+    "reports/src",
+    "rust-toolchain.toml",
+    "vagrant/Vagrantfile",
+    "workload/Cargo.toml",
+    "workload/src",
+];
+
 fn main() -> ExitCode {
     match build() {
         Ok(binary) => {
@@ -58,19 +75,12 @@ fn build() -> Result<PathBuf, Box<dyn Error>> {
     let workspace = manifest_directory
         .parent()
         .ok_or("the crate is not in a workspace")?;
-    for path in [
-        "workload/src",
-        "workload/Cargo.toml",
-        "Cargo.toml",
-        "Cargo.lock",
-        "rust-toolchain.toml",
-    ] {
-        let path = workspace.join(path);
-        if path.exists() {
-            println!("cargo::rerun-if-changed={}", path.display());
-        }
+    for source in SOURCES {
+        rerun_if_changed(&workspace.join(source));
     }
-    println!("cargo::rerun-if-changed=build.rs");
+    let (commit, dirty) = revision(workspace).unwrap_or_default();
+    println!("cargo::rustc-env=MATRIX_SOURCE_COMMIT={commit}");
+    println!("cargo::rustc-env=MATRIX_SOURCE_DIRTY={dirty}");
 
     let target = variable("TARGET")?
         .into_string()
@@ -86,6 +96,43 @@ fn build() -> Result<PathBuf, Box<dyn Error>> {
         return Err(explain(&target, &output).into());
     }
     Ok(target_directory.join(&target).join("deploy").join("workload"))
+}
+
+/// cargo takes what is not there for changed, each time.
+fn rerun_if_changed(path: &Path) {
+    if path.exists() {
+        println!("cargo::rerun-if-changed={}", path.display());
+    }
+}
+
+/// The commit that is checked out, and whether the sources are not those of it. None outside of git, without the program
+/// `git`, and where the sources lie in a repository of somebody else's.
+fn revision(workspace: &Path) -> Option<(String, bool)> {
+    let git = |arguments: &[&str]| {
+        let mut git = Command::new("git");
+        // A hook of another repository may have set them.
+        for name in ["GIT_DIR", "GIT_INDEX_FILE", "GIT_WORK_TREE"] {
+            git.env_remove(name);
+        }
+        let output = git.current_dir(workspace).args(arguments).output().ok()?;
+        let printed = String::from_utf8(output.stdout).ok()?;
+        output.status.success().then(|| printed.trim_end().to_owned())
+    };
+    let top = git(&["rev-parse", "--show-toplevel"])?;
+    if Path::new(&top).canonicalize().ok()? != workspace.canonicalize().ok()? {
+        return None;
+    }
+    // Each commit and each checkout adds a line to the log of HEAD; HEAD itself changes with the branch only.
+    for file in ["HEAD", "logs/HEAD"] {
+        rerun_if_changed(&workspace.join(git(&["rev-parse", "--git-path", file])?));
+    }
+    let commit = git(&["rev-parse", "--verify", "HEAD"])?;
+    let changed = git(&[
+        &["--no-optional-locks", "status", "--porcelain", "--"],
+        &SOURCES[..],
+    ]
+    .concat())?;
+    Some((commit, !changed.is_empty()))
 }
 
 /// The outer build's target directory, so that the inner one is cached beside it: cargo tags it. The inner build needs

@@ -5,8 +5,8 @@ use clap::{Args, Parser, Subcommand};
 use crate::command::{
     check::CheckArguments, clean::CleanArguments, completions::CompletionsArguments, doctor::DoctorArguments,
     drift::DriftArguments, ks::KsArguments, messages::MessagesArguments, plan::PlanArguments,
-    report::ReportArguments, resume::ResumeArguments, run::RunArguments, schema::SchemaArguments,
-    selftest::SelftestArguments, shell::ShellArguments, status::StatusArguments,
+    redact::RedactArguments, report::ReportArguments, resume::ResumeArguments, run::RunArguments,
+    schema::SchemaArguments, selftest::SelftestArguments, shell::ShellArguments, status::StatusArguments,
 };
 use crate::plan::order::Order;
 
@@ -44,8 +44,10 @@ pub enum Command {
     Resume(ResumeArguments),
     /// Say where a run stands.
     Status(StatusArguments),
-    /// Make the tables and figures of a run, into its `report/` folder and on the terminal.
+    /// Make the tables and figures of a run, or of several as one, into its `report/` folder and on the terminal.
     Report(ReportArguments),
+    /// Copy runs without the names of hosts and users, for a review that is to be blind.
+    Redact(RedactArguments),
     /// Make a row for every message from the captures: sent, on the wire, arrived, received, sent again.
     Messages(MessagesArguments),
     /// Say how often each method finds a difference where there is none, for data like that of a run.
@@ -77,6 +79,7 @@ impl Command {
             Self::Resume(arguments) => arguments.output,
             Self::Status(arguments) => arguments.output,
             Self::Report(arguments) => arguments.output,
+            Self::Redact(arguments) => arguments.output,
             Self::Messages(arguments) => arguments.output,
             Self::Selftest(arguments) => arguments.output,
             Self::Drift(arguments) => arguments.output,

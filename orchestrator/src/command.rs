@@ -8,6 +8,7 @@ pub mod drift;
 pub mod ks;
 pub mod messages;
 pub mod plan;
+pub mod redact;
 pub mod report;
 pub mod resume;
 pub mod run;
@@ -30,6 +31,7 @@ pub async fn execute(command: &Command) -> Result<Exit, Complaint> {
         Command::Resume(arguments) => resume::execute(arguments).await,
         Command::Status(arguments) => status::execute(arguments),
         Command::Report(arguments) => report::execute(arguments),
+        Command::Redact(arguments) => redact::execute(arguments),
         Command::Messages(arguments) => messages::execute(arguments),
         Command::Selftest(arguments) => selftest::execute(arguments),
         Command::Drift(arguments) => drift::execute(arguments),

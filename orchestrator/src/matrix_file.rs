@@ -7,6 +7,8 @@
 mod axes;
 pub mod diagnostic;
 mod hosts;
+mod places;
+mod report_option;
 mod schema;
 pub mod source;
 mod spelling;
@@ -23,12 +25,14 @@ use std::{
 };
 
 use reports::settings::ReportSettings;
-use workload::settings::{Settings, SettingsProblem};
+use workload::settings::{Dynamics, Settings, SettingsProblem};
 
 pub use axes::{Assignment, Axes, Axis, AxisValue, Exclude, Include};
 pub(crate) use axes::{FEWER, SCENARIOS};
 pub use diagnostic::{Code, Diagnostic, Diagnostics, Severity};
 pub use hosts::{Connection, Host, Ssh, SshAddress, SshAddressError, THIS_MACHINE};
+pub(crate) use places::Places;
+pub use report_option::ReportOption;
 pub use schema::schema;
 pub(crate) use spelling::{did_you_mean, list, propose};
 pub(crate) use sweep::{HARDWARE, OS, Role, VIRTUALIZATION};
@@ -39,6 +43,8 @@ use tree::{Content, Node};
 
 const MATRIX: &str = "matrix";
 const HOSTS: &str = "hosts";
+/// The setting of the workload that decides what others are when they are left out.
+const DYNAMICS: &str = "dynamics";
 const WORKLOAD: &str = "workload";
 const REPORT: &str = "report";
 const PROVIDERS: &str = "providers";
@@ -184,26 +190,31 @@ impl MatrixFile {
             Some(entry) => hosts::read(source, &entry.value, found),
             None => hosts::this_machine(),
         };
-        let workload = or_default(typing::read::<Settings>(source, section(WORKLOAD)), found);
+        // For its mistakes; what it comes to also depends on its `dynamics`.
+        or_default(typing::read::<Settings>(source, section(WORKLOAD)), found);
         let report = or_default(typing::read::<ReportSettings>(source, section(REPORT)), found);
         let providers = or_default(
             typing::read::<ProviderSettings>(source, section(PROVIDERS)),
             found,
         );
-        let file = Self {
+        let mut file = Self {
             source: Arc::clone(source),
             profile: None,
             profiles: Vec::new(),
             matrix,
             hosts,
-            workload,
+            workload: Settings::default(),
             report,
             providers,
             warnings: Diagnostics::new(),
             tree,
         };
+        // What is wrong was found above, or is a sweep's.
+        if let Ok(swept) = file.swept([]) {
+            file.workload = swept.settings;
+        }
         file.check_sweeps(found);
-        file.check_report(found);
+        check_alpha(&file.places(), &file.report, found);
         file
     }
 
@@ -227,22 +238,6 @@ impl MatrixFile {
         }
     }
 
-    fn check_report(&self, found: &mut Diagnostics) {
-        let alpha = self.report.alpha;
-        if !(alpha > 0.0 && alpha < 1.0) {
-            let span = self.place_of("report.alpha");
-            found.push(
-                Diagnostic::error(
-                    &self.source,
-                    Code::InvalidValue,
-                    span,
-                    format!("α cannot be {alpha}"),
-                )
-                .help("write a number between 0 and 1, such as `0.001`"),
-            );
-        }
-    }
-
     /// The workload's settings with sweeps applied: pairs of a setting's dotted path and its value.
     ///
     /// # Errors
@@ -251,12 +246,23 @@ impl MatrixFile {
         &self,
         sweeps: impl IntoIterator<Item = (&'a str, &'a AxisValue)>,
     ) -> Result<SweptSettings, Diagnostics> {
-        // On top of what is meant when it is left out: `control.angle.kp` alone would have no `kd` beside it.
-        let mut tree = serde_json::to_value(&self.workload)
+        let written = self.tree.entry(WORKLOAD).filter(|entry| !entry.value.is_null());
+        let sweeps: Vec<_> = sweeps.into_iter().collect();
+        // On top of what is meant when it is left out, which the dynamics decides.
+        let swept = sweeps.iter().find(|(path, _)| *path == DYNAMICS);
+        let named = match swept {
+            Some((_, value)) => Some(value.text.as_str()),
+            None => written
+                .and_then(|entry| entry.value.entry(DYNAMICS))
+                .and_then(|entry| entry.value.text()),
+        };
+        // One that does not exist is found where the settings are read.
+        let dynamics = named.and_then(Dynamics::named).unwrap_or_default();
+        let mut tree = serde_json::to_value(Settings::of(dynamics))
             .map_or(Node::empty_mapping(Span::default()), |workload| {
                 Node::of_json(&workload)
             });
-        if let Some(entry) = self.tree.entry(WORKLOAD).filter(|entry| !entry.value.is_null()) {
+        if let Some(entry) = written {
             tree.overlay(&entry.value);
         }
         for (path, value) in sweeps {
@@ -266,17 +272,40 @@ impl MatrixFile {
         Ok(SweptSettings { settings, tree })
     }
 
+    /// Where things stand in the file.
+    pub(crate) const fn places(&self) -> Places<'_> {
+        Places {
+            source: &self.source,
+            tree: &self.tree,
+        }
+    }
+
     /// Where the key stands that a dotted path leads to, or the longest part of it that does; else the beginning.
     #[must_use]
     pub fn place_of_key(&self, path: &str) -> Span {
-        let key = self.tree.entry_at(path).map(|entry| entry.key.span);
-        key.unwrap_or_else(|| self.place_of(path))
+        self.places().of_key(path)
     }
 
     /// Where a dotted path stands in the file, or the longest part of it that does; else the beginning.
     #[must_use]
     pub fn place_of(&self, path: &str) -> Span {
-        self.tree.locate(path).unwrap_or_default()
+        self.places().of(path)
+    }
+}
+
+fn check_alpha(places: &Places<'_>, report: &ReportSettings, found: &mut Diagnostics) {
+    let alpha = report.alpha;
+    if !(alpha > 0.0 && alpha < 1.0) {
+        let message = format!("α cannot be {alpha}");
+        found.push(
+            Diagnostic::error(
+                places.source,
+                Code::InvalidValue,
+                places.of("report.alpha"),
+                message,
+            )
+            .help("write a number between 0 and 1, such as `0.001`"),
+        );
     }
 }
 

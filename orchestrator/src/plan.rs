@@ -9,6 +9,7 @@ pub mod expansion;
 pub mod naming;
 pub mod order;
 pub mod placement;
+pub(crate) mod report_names;
 pub mod selection;
 mod units;
 
@@ -24,7 +25,7 @@ pub use placement::{HostFacts, Obstacle, ProviderFacts};
 pub use selection::Selection;
 pub use units::WindowDesign;
 
-use crate::matrix_file::{Code, Diagnostic, Diagnostics, MatrixFile, list, propose};
+use crate::matrix_file::{Code, Diagnostic, Diagnostics, MatrixFile};
 use attainable::{fewest_values, smallest_p};
 use expansion::{Combination, expand};
 use placement::{Offer, fitting, place};
@@ -96,7 +97,7 @@ pub fn plan(
     check_hosts(file, &combinations, &offers, &mut found);
     let (combinations, mut found) = found.unless_errors(combinations)?;
     let mut scenarios = scenarios(file, &combinations, &offers, &mut found);
-    check_names(file, &scenarios, &mut found);
+    report_names::check(&file.places(), &file.report, &scenarios, &mut found);
     let (left_out, mut found) = match selection.apply(&candidates(&scenarios)) {
         Ok(left_out) => found.unless_errors(left_out)?,
         Err(nothing) => {
@@ -285,72 +286,6 @@ fn check_discarded(file: &MatrixFile, settings: &Settings, found: &mut Diagnosti
                 periods - 1
             )),
         );
-    }
-}
-
-/// Scenarios and axes that the report's settings name must be there.
-fn check_names(file: &MatrixFile, scenarios: &[PlannedScenario], found: &mut Diagnostics) {
-    let names = || {
-        scenarios
-            .iter()
-            .flat_map(|scenario| [scenario.id.as_str(), scenario.slug.as_str()])
-    };
-    let figures = file
-        .report
-        .figures
-        .iter()
-        .flat_map(|(a, b)| [a.as_str(), b.as_str()]);
-    let figures = figures.map(|name| ("report.figures", "draw", name));
-    let family = file
-        .report
-        .family
-        .names()
-        .map(|name| ("report.family", "compare", name));
-    for (path, what, name) in figures.chain(family) {
-        if !names().any(|known| known == name) {
-            let slugs = scenarios.iter().map(|scenario| scenario.slug.as_str());
-            found.push(
-                Diagnostic::error(
-                    &file.source,
-                    Code::UnknownValue,
-                    file.place_of(path),
-                    format!("there is no scenario `{name}` to {what}"),
-                )
-                .help(propose(name, slugs)),
-            );
-        }
-    }
-    for (axis, value) in &file.report.control {
-        let path = format!("report.control.{axis}");
-        let with_axis: Vec<_> = scenarios
-            .iter()
-            .filter_map(|scenario| scenario.axis(axis))
-            .collect();
-        if with_axis.is_empty() {
-            let axes = scenarios
-                .iter()
-                .flat_map(|scenario| scenario.axes.keys().map(String::as_str));
-            found.push(
-                Diagnostic::error(
-                    &file.source,
-                    Code::UnknownKey,
-                    file.place_of_key(&path),
-                    format!("no scenario has an axis `{axis}`"),
-                )
-                .help(propose(axis, axes.collect::<BTreeSet<_>>())),
-            );
-        } else if !with_axis.contains(value) {
-            let values: BTreeSet<_> = with_axis.iter().map(String::as_str).collect();
-            found.push(
-                Diagnostic::warning(
-                    &file.source,
-                    Code::UnknownValue,
-                    file.place_of(&path),
-                    format!("no scenario has `{axis}: {value}`: there is no experimental control"),
-                )
-                .help(format!("tables 2 and 3 need one; there are {}", list(values))),
-            );
-        }
     }
 }
 

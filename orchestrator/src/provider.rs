@@ -12,6 +12,7 @@ pub mod docker;
 mod ended;
 mod environment_directory;
 mod error;
+pub mod facts;
 pub mod fake;
 mod lines;
 pub mod native;
@@ -186,7 +187,7 @@ pub trait Provider: Send + Sync {
 /// A live environment with the workload in it.
 #[async_trait]
 pub trait Environment: Send {
-    /// What explains it: engine version, image digest, limits. Kept in `environment.json`.
+    /// What explains it: engine version, image digest, limits. Kept in `environment.json` as [`facts::of`] has it.
     fn facts(&self) -> Map<String, Value>;
 
     /// Whether the workload still ran when the environment was created or found.

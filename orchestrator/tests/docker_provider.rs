@@ -28,7 +28,7 @@ use tokio::{
 use workload::{
     quantity::Bytes,
     record::{progress::Progress, window::WindowRecord},
-    settings::Need,
+    settings::{Need, Processes},
 };
 
 async fn engine() -> Api {
@@ -442,7 +442,11 @@ async fn a_workload_that_uses_up_its_memory_is_said_to_have() {
         ..DockerSettings::default()
     };
     let provider = Platform::docker_with(settings).provider();
-    let mut environment = provider.create(&request("memory", 2)).await.unwrap();
+    let mut hungry = request("memory", 2);
+    // One process, of which all pages have to be there.
+    hungry.settings.loops.processes = Processes::Threads;
+    hungry.settings.realtime.lock_memory = true;
+    let mut environment = provider.create(&hungry).await.unwrap();
     let ended = environment.ended().await.unwrap();
     environment.discard().await.unwrap();
     assert!(!ended.success);
@@ -468,4 +472,32 @@ async fn limits_that_the_engine_refuses_are_explained() {
             .is_some_and(|hint| hint.contains("providers.docker.cpus")),
         "{error}"
     );
+}
+
+/// Against the engine's own client, which asks for the same in another way.
+#[tokio::test]
+async fn an_environment_says_what_its_engine_makes_containers_with() {
+    let provider = Platform::docker().provider();
+    let environment = provider.create(&request("parts", 1)).await.unwrap();
+    let facts = environment.facts();
+    environment.discard().await.unwrap();
+
+    let client = |of: &str, format: &str| {
+        let output = std::process::Command::new("docker")
+            .args([of, "--format", format])
+            .output()
+            .unwrap();
+        String::from_utf8(output.stdout).unwrap().trim().to_owned()
+    };
+    let runc = r#"{{range .Server.Components}}{{if eq .Name "runc"}}{{.Version}}{{end}}{{end}}"#;
+    for (part, said) in [
+        ("storage_driver", client("info", "{{.Driver}}")),
+        ("default_runtime", client("info", "{{.DefaultRuntime}}")),
+        ("cgroup_version", client("info", "{{.CgroupVersion}}")),
+        ("cgroup_driver", client("info", "{{.CgroupDriver}}")),
+        ("runc_version", client("version", runc)),
+    ] {
+        assert_eq!(facts["engine_parts"][part], said, "{part}");
+        assert_ne!(said, "", "{part}");
+    }
 }

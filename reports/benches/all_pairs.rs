@@ -88,13 +88,13 @@ fn main() {
 
     let listed = samples(&windows);
     let settings = ReportSettings::default();
-    let list = time(|| black_box(compare(&listed, &settings)).comparisons.len());
+    let list = time(|| black_box(compare(&listed, &settings)).unwrap().0.frame().height());
     println!(
         "listed as a report has them: {list:.1?}; most memory so far: {} MB",
         most_memory_mb()
     );
     let many = samples(&self::windows(MANY_WINDOWS, f64::from));
-    let counted = time(|| black_box(compare(&many, &settings)).tallies.len());
+    let counted = time(|| black_box(compare(&many, &settings)).unwrap().1.len());
     println!(
         "{} counted, not listed: {counted:.1?}; most memory so far: {} MB",
         pairs_of(MANY_WINDOWS),

@@ -13,7 +13,7 @@ pub enum Family {
     /// Every two scenarios.
     #[default]
     All,
-    /// Each scenario that is no control against each control, as table 3.
+    /// Each scenario that is no control against each control, as Table V.
     AgainstControls,
     /// Those that differ in virtualization alone.
     SamePlatform,

@@ -14,6 +14,8 @@ pub struct Health {
     pub late_share: f64,
     /// Steps of both loops that began a whole step late or more.
     pub missed_deadlines: u64,
+    /// Ticks of both loops that were lost, since others before them had not ended.
+    pub lost_ticks: u64,
     /// Share of control steps that had no newer state than the step before.
     pub stale_share: f64,
     /// Mean age of the state when it was used, in seconds; none if none ever arrived.
@@ -53,6 +55,7 @@ impl Health {
                 loops.iter().map(|l| l.steps).sum(),
             ),
             missed_deadlines: loops.iter().map(|l| l.missed_deadlines).sum(),
+            lost_ticks: loops.iter().map(|l| l.lost_ticks).sum(),
             stale_share: share(stale, control_steps),
             state_age_s: (!ages.is_empty()).then(|| ages.iter().sum::<f64>() / ages.len() as f64),
             worst_lateness_ns: loops.iter().map(|l| l.lateness_max_ns).max().unwrap_or_default(),

@@ -22,6 +22,7 @@ use serde::{Deserialize, Serialize};
 
 pub use numbers::{NumbersError, read_numbers};
 pub use pool::{Partners, Pool};
+pub use tails::SharedTails;
 
 /// What is asked of a test. By default the exact p-value, two-sided.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]

@@ -2,6 +2,7 @@
 //!
 //! ```text
 //! load(path) -> Run           reads the run directory
+//! combination::combine(Vec<Run>) -> Run    pure: machines that were measured apart
 //! traffic::read(&Run) -> Traffic        reads its captures
 //! analyse(&Run, Traffic, settings) -> Report     pure
 //! Report::markdown, html, json      pure
@@ -15,8 +16,11 @@
 
 pub mod anderson_darling;
 pub mod block_permutation;
+pub mod combination;
 pub mod comparison;
+pub mod conclusion;
 pub mod contrast;
+mod declaration;
 pub mod dependence;
 pub mod drift;
 pub mod effect;
@@ -24,6 +28,8 @@ pub mod energy;
 pub mod family;
 mod fields;
 pub mod figure;
+#[cfg(feature = "columns")]
+mod frames;
 pub mod health;
 pub mod ks;
 pub mod merged;
@@ -31,8 +37,10 @@ pub mod merged;
 pub mod messages;
 pub mod multiplicity;
 pub mod packets;
+mod paper;
 pub mod permutation;
 pub mod power;
+pub mod redaction;
 pub mod relabelling;
 mod render;
 pub mod report;
@@ -40,6 +48,7 @@ pub mod run;
 pub mod run_directory;
 pub mod sample;
 pub mod selftest;
+pub mod sensitivity;
 pub mod settings;
 pub mod setup;
 pub mod shape;
@@ -57,4 +66,4 @@ pub use report::{Report, analyse};
 pub use run::{Run, load};
 pub use run_directory::ReadError;
 #[cfg(feature = "columns")]
-pub use writing::{WriteError, write};
+pub use writing::{WriteError, is_report_folder, write};

@@ -20,7 +20,10 @@ mod table;
 use std::path::PathBuf;
 
 use serde::Serialize;
-use workload::record::{self, window::WindowRecord};
+use workload::{
+    record::{self, window::WindowRecord},
+    settings::Messages as MessageForm,
+};
 
 pub use self::table::TableError;
 use self::{
@@ -213,15 +216,18 @@ fn write_scenario(
     let numbers = windows.iter().map(|window| window.record.window).collect();
     let mut table = MessageTable::create(&directory.report().join("messages"), &planned.slug)?;
     let mut topics = Topic::ALL.map(TopicMessages::none);
+    let messages = planned.settings.ros.messages;
     for stretch in Stretch::cut(windows) {
         let mut joining = Joining {
             stretch: &stretch,
-            cursors: Topic::ALL.map(|topic| Cursor::new(topic, &stretch)),
+            cursors: Topic::ALL.map(|topic| Cursor::new(topic, messages, &stretch)),
             table: &mut table,
             topics: &mut topics,
         };
         joining.begin()?;
-        read_packets(&stretch, |ports, delivery| joining.add(ports, &delivery))?;
+        read_packets(&stretch, messages, |ports, delivery| {
+            joining.add(ports, &delivery)
+        })?;
         joining.finish()?;
     }
     Ok(ScenarioMessages {
@@ -235,9 +241,10 @@ fn write_scenario(
 
 fn read_packets(
     stretch: &Stretch,
+    messages: MessageForm,
     mut out: impl FnMut(Ports, Delivery) -> Result<(), MessagesError>,
 ) -> Result<(), MessagesError> {
-    let mut exchange = Exchange::default();
+    let mut exchange = Exchange::of(messages);
     let mut given = Vec::new();
     stretch.read(|host, packet| {
         exchange.take(host, packet, &mut |ports, delivery| given.push((ports, delivery)));
@@ -266,10 +273,10 @@ struct Cursor {
 }
 
 impl Cursor {
-    fn new(topic: Topic, stretch: &Stretch) -> Self {
+    fn new(topic: Topic, messages: MessageForm, stretch: &Stretch) -> Self {
         let logs = stretch.windows.iter().map(CapturedWindow::log).collect();
         Self {
-            log: LoggedMessages::new(topic, logs),
+            log: LoggedMessages::new(topic, messages, logs),
             next: None,
         }
     }
@@ -355,7 +362,7 @@ impl TopicMessages {
     fn miss(&mut self, logged: Logged) {
         self.logged += 1;
         if self.missing.len() < NAMED {
-            self.missing.push(logged.label.seq);
+            self.missing.push(logged.number);
         }
     }
 

@@ -5,6 +5,8 @@
 //! more, as many as asked for are drawn with a fixed seed, and the observed one is counted among them, so that the share
 //! is (b + 1) / (B + 1) and never 0 (Phipson and Smyth, *Permutation p-values should never be zero*, 2010).
 
+use std::ops::Range;
+
 use oorandom::Rand64;
 
 /// How much work a permutation test may be.
@@ -94,22 +96,39 @@ impl Relabellings {
     /// Deals labels 0, 1, … to `sizes[0]`, `sizes[1]`, … things, and takes the statistic under each labelling. The
     /// things stand in the order of their observed labels; the statistic gets the label of each.
     #[must_use]
-    pub fn of(sizes: &[usize], effort: Effort, mut statistic: impl FnMut(&[usize]) -> f64) -> Self {
-        let mut labels: Vec<usize> = sizes
-            .iter()
-            .enumerate()
-            .flat_map(|(label, size)| std::iter::repeat_n(label, *size))
-            .collect();
+    pub fn of(sizes: &[usize], effort: Effort, statistic: impl FnMut(&[usize]) -> f64) -> Self {
+        Self::within(&[sizes], effort, statistic)
+    }
+
+    /// The same for things in several strata, stratum by stratum: a label stays in its stratum. Of every two labellings of
+    /// the strata each is seen with each.
+    #[must_use]
+    pub fn within<S: AsRef<[usize]>>(
+        strata: &[S],
+        effort: Effort,
+        mut statistic: impl FnMut(&[usize]) -> f64,
+    ) -> Self {
+        let mut labels: Vec<usize> = Vec::new();
+        let mut places: Vec<Range<usize>> = Vec::new();
+        for sizes in strata {
+            let begin = labels.len();
+            let sizes = sizes.as_ref().iter().enumerate();
+            labels.extend(sizes.flat_map(|(label, size)| std::iter::repeat_n(label, *size)));
+            places.push(begin..labels.len());
+        }
+        let all: f64 = strata.iter().map(|sizes| labellings(sizes.as_ref())).product();
         let mut statistics = vec![statistic(&labels)];
-        let coverage = if labellings(sizes) <= effort.enumerate as f64 {
-            while next(&mut labels) {
+        let coverage = if all <= effort.enumerate as f64 {
+            while next_within(&mut labels, &places) {
                 statistics.push(statistic(&labels));
             }
             Coverage::Exact
         } else {
             let mut random = Rand64::new(u128::from(effort.seed));
             for _ in 0..effort.draws {
-                shuffle(&mut labels, &mut random);
+                for place in &places {
+                    shuffle(&mut labels[place.clone()], &mut random);
+                }
                 statistics.push(statistic(&labels));
             }
             Coverage::MonteCarlo
@@ -183,6 +202,19 @@ fn next(labels: &mut [usize]) -> bool {
     true
 }
 
+/// The next labelling of the strata, the first of which turn fastest; false after the last.
+fn next_within(labels: &mut [usize], strata: &[Range<usize>]) -> bool {
+    strata.iter().any(|place| {
+        let labels = &mut labels[place.clone()];
+        let has_next = next(labels);
+        if !has_next {
+            // The last labelling is the first one backwards.
+            labels.reverse();
+        }
+        has_next
+    })
+}
+
 /// Durstenfeld's shuffle.
 pub(crate) fn shuffle<T>(items: &mut [T], random: &mut Rand64) {
     for last in (1..items.len()).rev() {
@@ -228,6 +260,38 @@ mod tests {
         distinct.sort();
         distinct.dedup();
         assert_eq!((seen.len(), distinct.len()), (12, 12));
+    }
+
+    #[test]
+    fn in_strata_each_labelling_of_the_one_is_seen_with_each_of_the_other() {
+        let mut seen = Vec::new();
+        let all = Relabellings::within(&[[2, 2], [1, 2]], SMALL, |labels| {
+            assert_eq!(labels[..4].iter().sum::<usize>(), 2);
+            assert_eq!(labels[4..].iter().sum::<usize>(), 2);
+            seen.push(labels.to_vec());
+            0.0
+        });
+        assert_eq!((all.coverage, all.looked_at()), (Coverage::Exact, 6 * 3));
+        assert_eq!(seen[0], [0, 0, 1, 1, 0, 1, 1]);
+        seen.sort();
+        seen.dedup();
+        assert_eq!(seen.len(), 18);
+    }
+
+    #[test]
+    fn a_draw_keeps_each_strata_sizes() {
+        let effort = Effort {
+            enumerate: 1,
+            ..SMALL
+        };
+        let all = Relabellings::within(&[[3, 1], [1, 3]], effort, |labels| {
+            assert_eq!(
+                (labels[..4].iter().sum::<usize>(), labels[4..].iter().sum()),
+                (1, 3)
+            );
+            0.0
+        });
+        assert_eq!((all.coverage, all.looked_at()), (Coverage::MonteCarlo, 1000));
     }
 
     #[test]

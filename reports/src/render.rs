@@ -8,6 +8,7 @@ mod latex;
 mod markdown;
 
 pub use latex::LatexTable;
+pub(crate) use latex::prose;
 use serde::Serialize;
 
 use crate::{figure::Figure, report::Report};

@@ -4,17 +4,22 @@
 use std::{collections::BTreeSet, fmt};
 
 use serde_json::{Map, Value};
-use workload::{record::window::Verdict, settings::NetworkBackend};
+use workload::{
+    record::window::Verdict,
+    settings::{Dynamics, NetworkBackend},
+};
 
 use crate::{
-    comparison::{Compared, Comparison, LISTED, Tally, compare, pairs_of},
+    comparison::{Comparisons, FrameError, LISTED, Tally, compare, pairs_of},
+    conclusion::{Conclusion, conclusions},
     contrast::Contrasts,
+    declaration,
     family::{Family, Member},
     figure,
     health::Health,
     ks::{Method, Procedure},
-    run::{BrokenWindow, Ending, Run, ScenarioRun, Window, WindowState},
-    run_directory::{Difference, EnvironmentRecord, Outcome},
+    run::{BrokenWindow, Ending, Run, RunPart, ScenarioRun, Window, WindowState},
+    run_directory::{Difference, EnvironmentRecord, Outcome, Revision},
     sample::{Sample, samples},
     settings::{ReportSettings, WarmUp},
     setup::Unlike,
@@ -25,6 +30,8 @@ use crate::{
 
 /// The axis that the paper contrasts on each platform.
 pub(crate) const VIRTUALIZATION: &str = "virtualization";
+/// Its value where there is none.
+pub(crate) const NATIVE: &str = "native";
 
 /// What a run showed.
 #[derive(Debug, Clone, PartialEq)]
@@ -33,6 +40,8 @@ pub struct Report {
     pub run: String,
     /// When it was asked for, RFC 3339.
     pub created: String,
+    /// The run directories that it is made of.
+    pub parts: Vec<RunPart>,
     /// How samples were taken and compared.
     pub settings: ReportSettings,
     /// Every scenario of the plan, in letter order.
@@ -40,13 +49,15 @@ pub struct Report {
     /// The samples, by scenario and window.
     pub samples: Vec<Sample>,
     /// Every two windows compared; empty if there are more of them than are listed.
-    pub comparisons: Vec<Comparison>,
+    pub comparisons: Comparisons,
     /// The counts, of each scenario with itself and with each other.
     pub tallies: Vec<Tally>,
     /// Scenarios that did not run the same experiment: what is different of them is not the platform's alone.
     pub unlike: Vec<Unlike>,
     /// The pairs of the declared family, with the window as the unit.
     pub contrasts: Contrasts,
+    /// Virtualizations over all platforms, and operating systems, each two of them.
+    pub conclusions: Vec<Conclusion>,
     /// What became of the packets; empty without captures.
     pub traffic: Traffic,
     /// The counts of the packets' quantities.
@@ -70,6 +81,10 @@ pub struct ScenarioReport {
     pub axes: Map<String, Value>,
     /// How its network was to be made.
     pub network: NetworkBackend,
+    /// Which rules plant, controller and messages followed.
+    pub dynamics: Dynamics,
+    /// The settings that were not as the dynamics has them, as dotted paths.
+    pub overridden: Vec<String>,
     /// Whether it is one of the experimental controls.
     pub is_control: bool,
     /// Whether its numbers were made up by the `fake` provider.
@@ -193,6 +208,29 @@ impl ScenarioReport {
         runs.collect()
     }
 
+    /// Whether the plan has a way to run it.
+    #[must_use]
+    pub fn can_run(&self) -> bool {
+        self.standing != Standing::Infeasible
+    }
+
+    /// Its virtualization: natively where it has no such axis.
+    #[must_use]
+    pub fn virtualization(&self) -> String {
+        self.axis(VIRTUALIZATION).unwrap_or_else(|| NATIVE.to_owned())
+    }
+
+    /// What it runs on: the values of all axes but virtualization.
+    #[must_use]
+    pub fn platform(&self) -> String {
+        let others = self.axes.iter().filter(|(axis, _)| *axis != VIRTUALIZATION);
+        let values: Vec<String> = others.map(|(_, value)| text_of(value)).collect();
+        match values.is_empty() {
+            true => "this machine".to_owned(),
+            false => values.join(" "),
+        }
+    }
+
     /// The value of an axis as text, if the scenario has that axis.
     #[must_use]
     pub fn axis(&self, name: &str) -> Option<String> {
@@ -213,7 +251,8 @@ pub(crate) fn text_of(value: &Value) -> String {
 #[must_use]
 pub fn analyse(run: &Run, traffic: Traffic, settings: &ReportSettings) -> Report {
     let samples = samples(run, settings);
-    let Compared { comparisons, tallies } = compare(&samples, settings);
+    let mut faults = Vec::new();
+    let (comparisons, tallies) = or_fault(compare(&samples, settings), &mut faults);
     let scenarios: Vec<ScenarioReport> = run
         .scenarios
         .iter()
@@ -225,10 +264,12 @@ pub fn analyse(run: &Run, traffic: Traffic, settings: &ReportSettings) -> Report
     let mut report = Report {
         run: run.manifest.run.clone(),
         created: run.manifest.created.clone(),
+        parts: run.parts.clone(),
         settings: settings.clone(),
-        traffic_tallies: traffic::compared(&traffic, &samples, settings),
+        traffic_tallies: or_fault(traffic::compared(&traffic, &samples, settings), &mut faults),
         explanations: traffic::explanations(&contrasts.pairs, &samples, &traffic, settings),
         traffic,
+        conclusions: conclusions(&scenarios, &samples, &unlike, settings.seed),
         unlike,
         contrasts,
         scenarios,
@@ -238,9 +279,21 @@ pub fn analyse(run: &Run, traffic: Traffic, settings: &ReportSettings) -> Report
         remarks: Vec::new(),
         tables: Vec::new(),
     };
-    report.remarks = remarks(&report, &run.cut_lines);
-    report.tables = table::all(&report);
+    report.remarks = remarks(run, &report);
+    report.tables = or_fault(table::of_the_paper(&report), &mut faults);
+    report.tables.extend(table::beside(&report));
+    report.remarks.extend(faults);
     report
+}
+
+/// What was asked for, or nothing and a remark: what else there is to report is reported all the same.
+pub(crate) fn or_fault<T: Default>(asked: Result<T, FrameError>, faults: &mut Vec<String>) -> T {
+    asked.unwrap_or_else(|error| {
+        faults.push(format!(
+            "{error}. This is a fault of matrix: please report it with this run directory."
+        ));
+        T::default()
+    })
 }
 
 /// The letters of the pairs that belong to the declared family. Scenarios that did not run the same experiment do only if
@@ -274,6 +327,11 @@ impl Report {
             .find(|tally| (tally.a == a && tally.b == b) || (tally.a == b && tally.b == a))
     }
 
+    /// The experimental controls.
+    pub fn controls(&self) -> impl Iterator<Item = &ScenarioReport> {
+        self.scenarios.iter().filter(|scenario| scenario.is_control)
+    }
+
     /// What is not the same of the experiments that two scenarios ran; empty if they ran the same.
     #[must_use]
     pub fn unlike(&self, a: &str, b: &str) -> &[String] {
@@ -300,7 +358,55 @@ impl Report {
         self.scenarios.iter().any(|scenario| scenario.is_simulated)
     }
 
-    /// How samples were taken and compared, in one sentence. Stands with every table.
+    /// Which rules the experiment followed, in one sentence.
+    fn dynamics(&self) -> String {
+        let mut kinds: Vec<(&str, &[String], Vec<&str>)> = Vec::new();
+        for scenario in &self.scenarios {
+            let (name, overridden) = (scenario.dynamics.name(), scenario.overridden.as_slice());
+            match kinds
+                .iter_mut()
+                .find(|kind| (kind.0, kind.1) == (name, overridden))
+            {
+                Some((.., letters)) => letters.push(&scenario.id),
+                None => kinds.push((name, overridden, vec![&scenario.id])),
+            }
+        }
+        let several = kinds.len() > 1;
+        let described = kinds.iter().map(|(name, overridden, letters)| {
+            let but = match overridden {
+                [] => String::new(),
+                _ => format!(" but for {}", overridden.join(", ")),
+            };
+            let of = if several {
+                format!(" ({})", letters.join(", "))
+            } else {
+                String::new()
+            };
+            format!("{name}{but}{of}")
+        });
+        format!("Dynamics: {}.", described.collect::<Vec<_>>().join("; "))
+    }
+
+    /// Which run directories it is made of, and which `matrix` wrote them, a sentence for each.
+    #[must_use]
+    pub fn origins(&self) -> Vec<String> {
+        let origin = |part: &RunPart| {
+            let revision = part.matrix_revision.as_ref();
+            let revision = revision.map_or_else(|| "unknown".to_owned(), Revision::to_string);
+            let scenarios = match self.parts.len() {
+                1 => String::new(),
+                _ if part.scenarios.is_empty() => ": no scenario".to_owned(),
+                _ => format!(": {}", part.scenarios.join(", ")),
+            };
+            format!(
+                "Run {} of {} by matrix {}, revision {revision}{scenarios}.",
+                part.run, part.created, part.matrix_version
+            )
+        };
+        self.parts.iter().map(origin).collect()
+    }
+
+    /// How samples were taken and compared, in three sentences. Stands with every table.
     #[must_use]
     pub fn method(&self) -> String {
         let ReportSettings {
@@ -329,8 +435,9 @@ impl Report {
             }
         };
         format!(
-            "Metric: {} over each period, in metres, {discarded}{cut}. Test: two-sample Kolmogorov-Smirnov, {test}; \
+            "{} Metric: {} over each period, in metres, {discarded}{cut}. Test: two-sample Kolmogorov-Smirnov, {test}; \
              rejected at p < {alpha}.",
+            self.dynamics(),
             metric.formula()
         )
     }
@@ -350,6 +457,8 @@ fn scenario_report(scenario: &ScenarioRun, settings: &ReportSettings, samples: &
         slug: planned.slug.clone(),
         axes: planned.axes.clone(),
         network: planned.settings.network.backend,
+        dynamics: planned.settings.dynamics,
+        overridden: planned.settings.overridden(),
         is_control: settings.is_control(planned),
         is_simulated: scenario.is_simulated(),
         standing,
@@ -416,8 +525,8 @@ fn window_report(window: &Window, n: usize) -> WindowReport {
     }
 }
 
-fn remarks(report: &Report, cut_lines: &[usize]) -> Vec<String> {
-    let mut remarks = Vec::new();
+fn remarks(run: &Run, report: &Report) -> Vec<String> {
+    let mut remarks = run.remarks.clone();
     let simulated: Vec<&str> = report
         .scenarios
         .iter()
@@ -433,6 +542,7 @@ fn remarks(report: &Report, cut_lines: &[usize]) -> Vec<String> {
             }
         ));
     }
+    remarks.extend(declaration::remark(&run.manifest.report, &report.settings));
     if let Some((n, m, p)) = hopeless(report) {
         remarks.push(format!(
             "With {n} and {m} values the smallest p-value is {p:.2e}, and α is {}: such windows are never told apart, \
@@ -447,11 +557,7 @@ fn remarks(report: &Report, cut_lines: &[usize]) -> Vec<String> {
              {LISTED}: `comparisons.csv` and `report.json` have none of them."
         ));
     }
-    for name in figure::chosen_pairs(report).unknown {
-        remarks.push(format!(
-            "`report.figures` names `{name}`, which is no scenario's letter or slug."
-        ));
-    }
+    remarks.extend(figure::chosen(report).remarks);
     let names = report.settings.family.names();
     for name in names.filter(|name| !report.scenarios.iter().any(|s| s.id == *name || s.slug == *name)) {
         remarks.push(format!(
@@ -472,9 +578,17 @@ fn remarks(report: &Report, cut_lines: &[usize]) -> Vec<String> {
         }
     }
     remarks.extend(unlike_remark(report));
-    for line in cut_lines {
+    for (part, line) in run
+        .parts
+        .iter()
+        .flat_map(|part| part.cut_lines.iter().map(move |line| (part, line)))
+    {
+        let journal = match run.parts.len() {
+            1 => "events.jsonl".to_owned(),
+            _ => format!("events.jsonl of {}", part.run),
+        };
         remarks.push(format!(
-            "Line {line} of events.jsonl is cut, as a crash leaves it; what it was to announce had not been done."
+            "Line {line} of {journal} is cut, as a crash leaves it; what it was to announce had not been done."
         ));
     }
     remarks

@@ -4,7 +4,7 @@
 use std::{
     collections::{BTreeMap, BTreeSet},
     io,
-    path::Path,
+    path::{Path, PathBuf},
 };
 
 use rayon::prelude::*;
@@ -12,23 +12,70 @@ use workload::record::{
     self,
     window::{Verdict, WindowRecord},
 };
+use workload::settings::Settings;
 
-use crate::run_directory::{
-    ControlTrace, EnvironmentRecord, Event, Expected, FORMAT, Journal, Manifest, Outcome, PlanRecord,
-    PlannedScenario, ReadError, RunDirectory, read_record,
+use crate::{
+    redaction::REMARK,
+    run_directory::{
+        ControlTrace, EnvironmentRecord, Event, Expected, FORMAT, Journal, Manifest, Outcome, PlanRecord,
+        PlannedScenario, ReadError, Revision, RunDirectory, read_record,
+    },
 };
 
 /// Everything that a report is made of.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Run {
-    /// Where it is.
-    pub directory: RunDirectory,
+    /// Where its report goes.
+    pub report_folder: PathBuf,
     /// What was asked.
     pub manifest: Manifest,
     /// The plan's scenarios, in letter order.
     pub scenarios: Vec<ScenarioRun>,
-    /// Lines of the journal that a crash cut, from 1.
+    /// The run directories that it was read from: one, unless runs were put together.
+    pub parts: Vec<RunPart>,
+    /// What a reader must know of how it was put together.
+    pub remarks: Vec<String>,
+}
+
+/// One run directory.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct RunPart {
+    /// Where it is.
+    pub directory: RunDirectory,
+    /// The run's name.
+    pub run: String,
+    /// When it was asked for, RFC 3339.
+    pub created: String,
+    /// Version of `matrix`.
+    pub matrix_version: String,
+    /// The revision of its sources, where it is known.
+    pub matrix_revision: Option<Revision>,
+    /// Letters of the scenarios of which it has windows that count.
+    pub scenarios: Vec<String>,
+    /// Lines of its journal that a crash cut, from 1.
     pub cut_lines: Vec<usize>,
+}
+
+impl RunPart {
+    fn of(
+        directory: RunDirectory,
+        manifest: &Manifest,
+        scenarios: &[ScenarioRun],
+        cut_lines: Vec<usize>,
+    ) -> Self {
+        let measured = scenarios
+            .iter()
+            .filter(|scenario| scenario.counted().next().is_some());
+        Self {
+            directory,
+            run: manifest.run.clone(),
+            created: manifest.created.clone(),
+            matrix_version: manifest.matrix_version.clone(),
+            matrix_revision: manifest.matrix_revision.clone(),
+            scenarios: measured.map(|scenario| scenario.planned.id.clone()).collect(),
+            cut_lines,
+        }
+    }
 }
 
 /// One scenario.
@@ -83,6 +130,8 @@ pub enum Ending {
 pub struct Window {
     /// Its number, from 1.
     pub number: u32,
+    /// Its folder.
+    pub folder: PathBuf,
     /// What there is of it.
     pub state: WindowState,
 }
@@ -163,11 +212,13 @@ pub fn load(path: impl AsRef<Path>) -> Result<Run, ReadError> {
         .into_par_iter()
         .map(|(planned, history)| load_scenario(&directory, planned, history))
         .collect();
+    let scenarios: Vec<ScenarioRun> = scenarios.into_iter().collect::<Result<_, _>>()?;
     Ok(Run {
-        directory,
+        report_folder: directory.report(),
+        parts: vec![RunPart::of(directory, &manifest, &scenarios, journal.cut_lines)],
+        remarks: Vec::from_iter(manifest.redacted.then(|| REMARK.to_owned())),
         manifest,
-        scenarios: scenarios.into_iter().collect::<Result<_, _>>()?,
-        cut_lines: journal.cut_lines,
+        scenarios,
     })
 }
 
@@ -280,6 +331,7 @@ fn load_scenario(
         .map(|number| {
             Ok(Window {
                 number,
+                folder: directory.window(&planned.slug, number),
                 state: load_window(directory, &planned, number)?,
             })
         })
@@ -294,6 +346,13 @@ fn load_scenario(
         windows,
         broken: history.broken,
     })
+}
+
+/// The first step of a window that lost some, which may be among them. The log of any other begins with it.
+fn first_step(record: &WindowRecord, settings: &Settings) -> Option<u64> {
+    let step_ns = u64::try_from(settings.rate.step().as_nanos()).ok()?;
+    let started_ns = u64::try_from(record.started_ns).ok()?;
+    (record.controller.lost_ticks > 0).then(|| started_ns / step_ns.max(1))
 }
 
 fn ending(planned: &PlannedScenario, journaled: Option<Ending>) -> Ending {
@@ -354,6 +413,8 @@ fn load_window(
     }
     let expected = Expected {
         steps: planned.settings.steps_per_window(),
+        lost: record.controller.lost_ticks,
+        first_step: first_step(&record, &planned.settings),
         steps_per_period: planned.settings.steps_per_period().max(1),
         file,
     };

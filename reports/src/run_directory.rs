@@ -28,8 +28,9 @@ pub use clock_drift::ClockDrift;
 pub use control_trace::{ControlLogError, ControlTrace, Expected, Fault, PeriodError, PeriodPath, SLICES};
 pub use environment::{Difference, EnvironmentRecord};
 pub use journal::{Event, Journal, JournalEntry, Outcome, Resource};
-pub use manifest::{HostRecord, Manifest};
-pub use plan::{PlanRecord, PlannedScenario};
+pub use manifest::{HostRecord, Manifest, Revision};
+pub use plan::{PlanRecord, PlannedScenario, letter};
+pub(crate) use reading::read_file;
 pub use reading::{ReadError, read_record};
 
 /// Version of the run directory's layout and of the files in it.

@@ -1,10 +1,13 @@
 //! How the tables are made: the `report:` section of a matrix file. The main type is [`ReportSettings`].
 
+mod drawn;
+
 use std::collections::BTreeMap;
 
 use serde::{Deserialize, Serialize};
 use workload::quantity::Length;
 
+pub use self::drawn::{DrawnPair, DrawnScenario, NoWindow};
 use crate::{family::Family, ks::Method, run_directory::PlannedScenario};
 
 /// How samples are taken and compared. Printed with every table.
@@ -25,9 +28,10 @@ pub struct ReportSettings {
     pub warm_up: WarmUp,
     /// The scenarios that are the experimental controls, by axis values.
     pub control: BTreeMap<String, String>,
-    /// Pairs of scenarios to draw, by letter or slug; the controls against the others when left out.
+    /// Pairs of scenarios to draw, by letter or slug, and of which windows, such as `[[b, h], [d/1, f/2]]`. When left out:
+    /// the controls beside each other, and the scenarios that differ in virtualization alone.
     #[serde(skip_serializing_if = "Vec::is_empty")]
-    pub figures: Vec<(String, String)>,
+    pub figures: Vec<DrawnPair>,
     /// The pairs of scenarios that are asked about: p-values are adjusted for as many.
     #[serde(skip_serializing_if = "Family::is_default")]
     pub family: Family,

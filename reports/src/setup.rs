@@ -5,7 +5,7 @@
 use serde_json::{Value, json};
 use workload::settings::Settings;
 
-use crate::{fields, run::ScenarioRun};
+use crate::{fields, run::ScenarioRun, run_directory::PlannedScenario};
 
 /// Two scenarios that did not run the same experiment.
 #[derive(Debug, Clone, PartialEq, Eq)]
@@ -68,7 +68,20 @@ fn task(settings: &Settings) -> Value {
         "control": settings.control,
         "network": settings.network,
         "ros": settings.ros,
+        "loops": settings.loops,
     })
+}
+
+/// The experiment of a plan, whichever of its scenarios is looked at: without what its axes sweep.
+pub(crate) fn experiment(planned: &PlannedScenario) -> Value {
+    let mut experiment = task(&planned.settings);
+    for axis in planned.axes.keys() {
+        let pointer = format!("/{}", axis.replace('.', "/"));
+        if let Some(swept) = experiment.pointer_mut(&pointer) {
+            *swept = Value::Null;
+        }
+    }
+    experiment
 }
 
 /// The same with the program that ran it.
@@ -104,7 +117,7 @@ fn program(scenario: &ScenarioRun) -> Value {
 
 /// The dotted paths of all fields that are not the same. What one of them does not have, such as an environment's record, is
 /// none.
-fn differing(first: &Value, second: &Value) -> Vec<String> {
+pub(crate) fn differing(first: &Value, second: &Value) -> Vec<String> {
     let both_known = fields::differing(first, second)
         .into_iter()
         .filter(|(_, a, b)| !a.is_null() && !b.is_null());

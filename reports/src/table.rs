@@ -1,20 +1,32 @@
-//! The paper's tables as data, before they are drawn: (1) rejections within each scenario, (2) the experimental controls
-//! against each other and the virtualizations against each other on each platform, (3) each virtualized scenario against
-//! each control. A cell without data says so; it is never a zero. The main type is [`Table`].
+//! The tables before they are drawn: the paper's I to V in its layout, and what stands beside them. A cell without data says
+//! so; it is never a zero. The main type is [`Table`].
 
+#[cfg(feature = "columns")]
+mod against_controls;
+mod conclusions;
 mod contrasts;
 mod differences;
+#[cfg(feature = "columns")]
+mod layers;
 mod packets;
+#[cfg(feature = "columns")]
 mod platforms;
 mod releases;
 mod schedule;
 mod within;
+#[cfg(feature = "columns")]
+mod within_scenarios;
 
 use std::collections::BTreeSet;
 
 use workload::record::window::Verdict;
 
-use crate::report::{Report, ScenarioReport, Standing};
+use crate::{
+    comparison::FrameError,
+    report::{Report, ScenarioReport, Standing},
+};
+#[cfg(feature = "columns")]
+use {crate::frames, std::collections::BTreeMap};
 
 /// A table in no particular medium.
 #[derive(Debug, Clone, PartialEq, Eq)]
@@ -38,21 +50,56 @@ pub struct Column {
     pub is_number: bool,
 }
 
+impl Table {
+    /// Whether its cells count tests, so that its caption says how they were made: the paper's Tables III to V.
+    pub(crate) fn has_counts(&self) -> bool {
+        let numbers = ["Table III.", "Table IV.", "Table V"];
+        numbers.iter().any(|number| self.title.starts_with(number))
+    }
+}
+
 /// In place of a number that there is none of.
 pub(crate) const NO_DATA: &str = "no data";
 
 /// Characters that a scenario's name may take in a table of 80 columns; its letter is its identity there.
 const NAME_WIDTH: usize = 28;
 
+/// And that of a platform.
+#[cfg(feature = "columns")]
+const PLATFORM_WIDTH: usize = 16;
+
 const NOT_INDEPENDENT: &str = "The pairs of a count share their windows: with four windows a side, 16 pairs are made of \
     eight measurements. They are not 16 independent tests, and values within a window are correlated, so a count is a \
-    description and not a p-value. The counts within scenarios (table 1) show what the same platform gives against \
+    description and not a p-value. The counts within scenarios (Table III) show what the same platform gives against \
     itself.";
 
-/// All tables of a report.
-pub(crate) fn all(report: &Report) -> Vec<Table> {
-    let mut tables = vec![within_scenarios(report), platforms::contrasts(report)];
-    tables.extend(platforms::against_controls(report));
+/// The paper's five tables, made of the frames of scenarios and of counts.
+///
+/// # Errors
+/// When polars refuses, which would be a fault of ours.
+#[cfg(feature = "columns")]
+pub(crate) fn of_the_paper(report: &Report) -> Result<Vec<Table>, FrameError> {
+    let scenarios = frames::scenarios(report)?;
+    let counts = frames::counts(report)?;
+    let mut tables = vec![
+        layers::layers(report, &scenarios)?,
+        layers::scenarios(&scenarios)?,
+        within_scenarios::of(report, &scenarios, &counts)?,
+        platforms::of(report, &counts)?,
+    ];
+    tables.extend(against_controls::of(report, &counts)?);
+    Ok(tables)
+}
+
+/// Without polars there is nothing to make them of.
+#[cfg(not(feature = "columns"))]
+pub(crate) const fn of_the_paper(_: &Report) -> Result<Vec<Table>, FrameError> {
+    Ok(Vec::new())
+}
+
+/// What stands beside them.
+pub(crate) fn beside(report: &Report) -> Vec<Table> {
+    let mut tables = Vec::from_iter(conclusions::of(report));
     tables.extend(contrasts::of(report));
     tables.extend(differences::of(report));
     tables.push(within::of(report));
@@ -72,41 +119,6 @@ fn texts(columns: &[(&str, bool)]) -> Vec<Column> {
         .collect()
 }
 
-fn within_scenarios(report: &Report) -> Table {
-    let rows = report
-        .scenarios
-        .iter()
-        .map(|scenario| {
-            let mut row = vec![
-                scenario.id.clone(),
-                clipped(&scenario.slug),
-                scenario.standing.name().to_owned(),
-            ];
-            row.push(match scenario.standing {
-                Standing::Infeasible | Standing::NotSelected => "–".to_owned(),
-                _ => format!("{}/{}", scenario.windows_counted(), scenario.windows.len()),
-            });
-            row.extend(count_and_rejected(report, &scenario.id, &scenario.id));
-            row
-        })
-        .collect();
-    let mut notes = vec!["N is the number of window pairs, of windows that count.".to_owned()];
-    notes.extend(verdicts_note(report));
-    Table {
-        title: "Table 1. Rejections within each scenario".to_owned(),
-        columns: texts(&[
-            ("", false),
-            ("scenario", false),
-            ("outcome", false),
-            ("windows", true),
-            ("N", true),
-            ("rejected", true),
-        ]),
-        rows,
-        notes,
-    }
-}
-
 /// A note that names the windows that were measured and are not valid. Why they are not stands with the scenarios.
 fn verdicts_note(report: &Report) -> Option<String> {
     let doubtful = [Verdict::Suspect.name(), Verdict::Invalid.name()];
@@ -119,23 +131,10 @@ fn verdicts_note(report: &Report) -> Option<String> {
     (!named.is_empty()).then(|| format!("Not valid: {}.", named.join("; ")))
 }
 
-/// N and the rejections among them, in two cells.
-fn count_and_rejected(report: &Report, a: &str, b: &str) -> [String; 2] {
-    match report.tally(a, b) {
-        Some(tally) => [
-            tally.pairs.to_string(),
-            marked(report, a, b, tally.rejected.to_string()),
-        ],
-        None => ["–".to_owned(), NO_DATA.to_owned()],
-    }
-}
-
-/// With a mark where the two did not run the same experiment, which the report's remarks explain.
-fn marked(report: &Report, a: &str, b: &str, count: String) -> String {
-    match report.unlike(a, b) {
-        [] => count,
-        [..] => format!("{count} *"),
-    }
+/// A count, with a mark where the two did not run the same experiment, which the report's remarks explain.
+#[cfg(feature = "columns")]
+fn marked(count: String, is_unlike: bool) -> String {
+    if is_unlike { format!("{count} *") } else { count }
 }
 
 /// What the mark means, for tables in which there is one.
@@ -155,6 +154,51 @@ fn clipped_to(name: &str, width: usize) -> String {
     let mut clipped: String = name.chars().take(width - 1).collect();
     clipped.push('…');
     clipped
+}
+
+fn no_control(report: &Report) -> String {
+    let axes = report.settings.control.iter();
+    let axes: Vec<String> = axes.map(|(axis, value)| format!("{axis}: {value}")).collect();
+    format!(
+        "no scenario is what `report.control` asks for ({})",
+        axes.join(", ")
+    )
+}
+
+/// What the platforms of one side of some counts are called: by their operating system alone where it has no other platform
+/// among them.
+#[cfg(feature = "columns")]
+fn short_platforms(
+    counts: &polars::frame::DataFrame,
+    side: &str,
+) -> polars::error::PolarsResult<BTreeMap<String, String>> {
+    let names = [format!("{side}_platform"), format!("{side}_os")];
+    let each = frames::unique(&counts.select(&names)?)?;
+    let [platform, os] = [frames::texts(&each, &names[0])?, frames::texts(&each, &names[1])?];
+    let platforms = platform.into_iter().flatten().zip(&os);
+    let name = |platform: &str, own: &Option<String>| match own {
+        Some(own) if os.iter().flatten().filter(|other| *other == own).count() == 1 => own.clone(),
+        _ => platform.to_owned(),
+    };
+    Ok(platforms
+        .map(|(platform, own)| {
+            let name = clipped_to(&name(&platform, own), PLATFORM_WIDTH);
+            (platform, name)
+        })
+        .collect())
+}
+
+/// A note that names the scenarios that stand like this, and how.
+fn named<'a>(
+    what: &str,
+    scenarios: impl Iterator<Item = &'a ScenarioReport>,
+    is: impl Fn(Standing) -> bool,
+) -> Option<String> {
+    let scenarios = scenarios.filter(|scenario| is(scenario.standing));
+    let named: Vec<String> = scenarios
+        .map(|scenario| format!("{} ({})", scenario.id, scenario.standing.name()))
+        .collect();
+    (!named.is_empty()).then(|| format!("{what}: {}.", named.join(", ")))
 }
 
 /// A note that names the scenarios of a table that have no data, and why.

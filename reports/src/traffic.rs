@@ -90,7 +90,7 @@ impl ScenarioTraffic {
 #[must_use]
 pub fn read(run: &Run) -> Traffic {
     let scenarios = run.scenarios.par_iter().filter_map(|scenario| {
-        let traffic = read_scenario(run, scenario);
+        let traffic = read_scenario(scenario);
         let is_empty = traffic.windows.is_empty() && traffic.unreadable.is_empty();
         (!is_empty).then(|| (scenario.planned.id.clone(), traffic))
     });
@@ -100,18 +100,20 @@ pub fn read(run: &Run) -> Traffic {
 }
 
 /// A scenario's.
-fn read_scenario(run: &Run, scenario: &ScenarioRun) -> ScenarioTraffic {
+fn read_scenario(scenario: &ScenarioRun) -> ScenarioTraffic {
     let planned = &scenario.planned;
     let period_ns = i64::try_from(planned.settings.period.as_nanos()).unwrap_or(i64::MAX);
     let mut traffic = ScenarioTraffic::default();
-    let mut stretches = Stretch::cut(captured(run, scenario));
+    let mut stretches = Stretch::cut(captured(scenario));
     // From behind: what a stretch without one of its windows leaves is read next.
     stretches.reverse();
     while let Some(stretch) = stretches.pop() {
         match read_stretch(&stretch, period_ns) {
             Ok(windows) => traffic.windows.extend(windows),
             Err(error) => {
-                let reason = format!("{error}: {}", error.source);
+                // The scenario and the window say in which folder: where that is on this machine is nobody's business.
+                let file = error.path.file_name().unwrap_or_default().display();
+                let reason = format!("{file} cannot be used: {}", error.source);
                 let at_fault = stretch.window_of(&error.path);
                 traffic.unreadable.extend(at_fault.map(|window| (window, reason)));
                 let [before, after] = stretch.without(&error.path);
@@ -127,10 +129,10 @@ fn read_scenario(run: &Run, scenario: &ScenarioRun) -> ScenarioTraffic {
 
 /// The windows that are whole and have captures, those too that do not count: what is under way when a window begins was
 /// sent in the one before.
-fn captured(run: &Run, scenario: &ScenarioRun) -> Vec<CapturedWindow> {
+fn captured(scenario: &ScenarioRun) -> Vec<CapturedWindow> {
     let windows = scenario.windows.iter().filter_map(|window| match &window.state {
         WindowState::Counted { record, .. } | WindowState::Invalid { record } => Some(CapturedWindow {
-            folder: run.directory.window(&scenario.planned.slug, window.number),
+            folder: window.folder.clone(),
             record: (**record).clone(),
         }),
         WindowState::Broken { .. } | WindowState::Missing => None,

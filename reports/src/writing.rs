@@ -1,10 +1,10 @@
-//! Writing a report into its run directory: the folder `report/` is ours and is brought to what the report is, each file
-//! in one step; nothing else of the run directory is touched. The main function is [`write`].
+//! Writing a report into its folder, a run directory's `report/` or one of its own: it is ours and is brought to what the
+//! report is, each file in one step; nothing else of the run directory is touched. The main function is [`write`].
 
 use std::{
     collections::BTreeSet,
     fs::{self, File},
-    io::{self, BufWriter, Write},
+    io::{self, BufWriter, Read as _, Write},
     path::{Path, PathBuf},
 };
 
@@ -12,7 +12,7 @@ use polars::error::PolarsError;
 use rayon::prelude::*;
 
 use crate::{
-    figure::{self, FigureError, PdfError},
+    figure::{self, FigureError, Kind, PdfError},
     render::columns::{self, Pieces},
     report::Report,
     run::Run,
@@ -24,6 +24,9 @@ const FIGURES: &str = "figures";
 const TABLES: &str = "tables";
 /// The first line of each of these, by which an old one is known.
 const TABLE_OF_OURS: &str = "% A table of a report of matrix, for \\input.";
+
+/// How `report.json` begins.
+const REPORT_OF_OURS: &[u8; 9] = b"{\n  \"run\"";
 
 /// A report could not be written. What was there before of the file at fault is still there.
 #[derive(Debug, thiserror::Error)]
@@ -74,13 +77,13 @@ enum Failure {
     Columns(&'static str, PolarsError),
 }
 
-/// Writes the report into the run directory's `report/`. Figures and LaTeX tables of an earlier report that this one does
+/// Writes the report into the run's folder for it. Figures and LaTeX tables of an earlier report that this one does
 /// not have are removed.
 ///
 /// # Errors
 /// When a figure cannot be drawn, which is before anything is written, and when a file cannot be encoded or written.
 pub fn write(run: &Run, report: &Report) -> Result<(), WriteError> {
-    let folder = run.directory.report();
+    let folder = &run.report_folder;
     let figures = figure::draw(run, report)?;
     // Each takes a while, and they have nothing to do with each other.
     let pdfs: Vec<Vec<u8>> = figures
@@ -90,19 +93,24 @@ pub fn write(run: &Run, report: &Report) -> Result<(), WriteError> {
     let mut files: Vec<(PathBuf, Content<'_>)> = vec![
         ("tables.md".into(), whole(report.markdown())),
         ("tables.tex".into(), whole(report.latex())),
+        (
+            "figures.tex".into(),
+            whole(figure::latex_document(&figures, FIGURES)),
+        ),
         ("report.html".into(), whole(report.html(&figures))),
         ("report.json".into(), json(report)),
     ];
     files.extend(column_files(report));
     let drawings = Path::new(FIGURES);
     for (figure, pdf) in figures.into_iter().zip(pdfs) {
-        let name = drawings.join(figure.name);
+        let name = drawings.join(&figure.name);
         files.push((name.with_extension("pdf"), whole(pdf)));
+        files.push((name.with_extension("tex"), whole(figure::latex_float(&figure))));
         files.push((name, whole(figure.svg)));
     }
     let tables = Path::new(TABLES);
     for table in report.latex_tables() {
-        let text = format!("{TABLE_OF_OURS}\n{}", table.text);
+        let text = format!("{TABLE_OF_OURS}\n{}", table.file());
         files.push((tables.join(table.name).with_extension("tex"), whole(text)));
     }
     let written: BTreeSet<PathBuf> = files.iter().map(|(name, _)| folder.join(name)).collect();
@@ -116,6 +124,14 @@ pub fn write(run: &Run, report: &Report) -> Result<(), WriteError> {
     }
     remove_others(&folder.join(drawings), &written, is_figure_of_ours)?;
     remove_others(&folder.join(tables), &written, is_table_of_ours)
+}
+
+/// Whether a folder has a report in it.
+#[must_use]
+pub fn is_report_folder(folder: &Path) -> bool {
+    let mut first = [0; REPORT_OF_OURS.len()];
+    let opened = File::open(folder.join("report.json"));
+    opened.and_then(|mut file| file.read_exact(&mut first)).is_ok() && first == *REPORT_OF_OURS
 }
 
 /// A content that is there already.
@@ -134,7 +150,8 @@ fn json(report: &Report) -> Content<'_> {
 /// Each table of numbers as CSV and as Parquet.
 fn column_files(report: &Report) -> Vec<(PathBuf, Content<'_>)> {
     type Columns = fn(&Report) -> Pieces<'_>;
-    let tables: [(_, Columns); 4] = [
+    let tables: [(_, Columns); 5] = [
+        ("scenarios", columns::scenarios),
         ("comparisons", columns::comparisons),
         ("contrasts", columns::contrasts),
         ("samples", columns::samples),
@@ -204,8 +221,11 @@ fn remove_others(
 
 fn is_figure_of_ours(_: &Path, name: &str) -> bool {
     let name = name.strip_suffix(".new").unwrap_or(name);
-    (name.starts_with("cdf-") || name.starts_with("trajectory-"))
-        && (name.ends_with(".svg") || name.ends_with(".pdf"))
+    let is_kind = |kind: &Kind| {
+        let rest = name.strip_prefix(kind.prefix());
+        rest.is_some_and(|rest| rest.starts_with(['-', '.']))
+    };
+    Kind::ALL.iter().any(is_kind) && [".svg", ".pdf", ".tex"].iter().any(|end| name.ends_with(end))
 }
 
 fn is_table_of_ours(path: &Path, name: &str) -> bool {

@@ -19,6 +19,7 @@ matrix:
 workload:
   windows: 1
   window: 2s
+  dynamics: robust
   period: 1s
 ";
 

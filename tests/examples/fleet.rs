@@ -19,7 +19,8 @@ use tests::{
 };
 
 /// Windows that emulated processors hold, mostly; validity says where they do not.
-const WORKLOAD: &str = "  windows: 4\n  window: 10s\n  period: 1s\n  reference: {amplitude_m: 0.05}\n";
+const WORKLOAD: &str =
+    "  dynamics: robust\n  windows: 4\n  window: 10s\n  period: 1s\n  reference: {amplitude_m: 0.05}\n";
 
 fn main() -> io::Result<ExitCode> {
     let workloads = workloads_for(&["i686", "aarch64"]);

@@ -3,7 +3,7 @@
 
 use std::{
     fs::{self, File},
-    path::PathBuf,
+    path::{Path, PathBuf},
     process::{Child, Command, Stdio},
 };
 
@@ -35,6 +35,22 @@ pub fn on_the_engine(workplace: &Workplace) -> Vec<String> {
         found.extend(String::from_utf8_lossy(&listed.stdout).lines().map(str::to_owned));
     }
     found
+}
+
+/// The image of `dockerfiles/mininet` on the engine that all share, made if need be: its name.
+///
+/// # Panics
+/// When it cannot be made; the recipe has said why.
+#[must_use]
+pub fn mininet_image() -> String {
+    let recipe = Path::new(env!("CARGO_MANIFEST_DIR")).join("../dockerfiles/mininet/build");
+    let made = Command::new(recipe)
+        .stdin(Stdio::null())
+        .stderr(Stdio::inherit())
+        .output()
+        .expect("the recipe starts");
+    assert!(made.status.success(), "the image could not be made");
+    String::from_utf8_lossy(&made.stdout).trim().to_owned()
 }
 
 /// The engine, until it is dropped, and its containers with it.

@@ -46,7 +46,7 @@ pub struct Model {
     ready: &'static [&'static str],
 }
 
-/// An x86_64 machine with systemd, Mininet, Open vSwitch and ROS. An emulated processor leaks nothing to protect, and has no
+/// An x86_64 machine with systemd, Mininet, Open vSwitch, ROS and a Docker Engine, of which none runs yet. An emulated processor leaks nothing to protect, and has no
 /// ATA and no KVM.
 pub const DEBIAN_12: Model = Model {
     recipe: &["vagrant/box/machine"],

@@ -14,7 +14,7 @@ use tests::{
 
 fn matrix(hosts: &str, windows: usize, window: &str) -> String {
     format!(
-        "{hosts}matrix:\n  virtualization: [docker]\nworkload:\n  windows: {windows}\n  window: {window}\n  period: 1s\n  \
+        "{hosts}matrix:\n  virtualization: [docker]\nworkload:\n  dynamics: robust\n  windows: {windows}\n  window: {window}\n  period: 1s\n  \
          reference: {{amplitude_m: 0.05}}\n  {WHOLE_WINDOWS_COUNT}\n"
     )
 }

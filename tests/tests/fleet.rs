@@ -30,7 +30,8 @@ fn every_scenario_of_three_architectures_is_measured_or_infeasible_with_its_reas
     let mut workplace = Workplace::measuring();
     workplace.set("MATRIX_WORKLOADS", &workloads.display().to_string());
     let fleet = Fleet::boot();
-    let windows = "windows: 2\n  window: 4s\n  period: 1s\n  reference: {amplitude_m: 0.05}";
+    let windows =
+        "dynamics: robust\n  windows: 2\n  window: 4s\n  period: 1s\n  reference: {amplitude_m: 0.05}";
     workplace.write(
         "m.yaml",
         fleet.matrix(

@@ -33,7 +33,7 @@ impl Turn {
     /// A workload with Mininet's network, as `matrix` starts one: with an empty environment.
     fn workload<'a>(&self, data: &'a str, window: &str, windows: &'a str) -> Vec<String> {
         let settings = format!(
-            r#"{{"windows": 2, "window": "{window}", "period": "5s", "network": {{"backend": "mininet"}}}}"#
+            r#"{{"dynamics": "robust", "windows": 2, "window": "{window}", "period": "5s", "network": {{"backend": "mininet"}}}}"#
         );
         [
             "env",
@@ -309,7 +309,7 @@ impl<'a> Matrix<'a> {
         turn.guest.expect(&["/root/matrix", "--version"]);
         let file = format!(
             "matrix:\n  virtualization: [native]\n\
-             workload:\n  windows: 1\n  window: {window}\n  period: 5s\n  network: {{backend: mininet}}\n"
+             workload:\n  dynamics: robust\n  windows: 1\n  window: {window}\n  period: 5s\n  network: {{backend: mininet}}\n"
         );
         turn.guest.expect(&[
             "sh",

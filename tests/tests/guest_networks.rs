@@ -6,7 +6,7 @@ use tests::{Guest, network_probe, virtual_time, workload_binary};
 /// Windows of two periods; small enough that the ball stays on the plate.
 fn settings(backend: &str) -> String {
     json!({
-        "windows": 2, "window": "4s", "period": "2s", "reference": {"amplitude_m": 0.05},
+        "dynamics": "robust", "windows": 2, "window": "4s", "period": "2s", "reference": {"amplitude_m": 0.05},
         "network": {"backend": backend},
     })
     .to_string()

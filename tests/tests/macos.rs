@@ -11,7 +11,7 @@ fn matrix(mac: &MacOs, virtualizations: &str) -> String {
     format!(
         "hosts:\n  mini: {{hardware: arm64, os: osx, connect: {}}}\n\
          matrix:\n  virtualization: {virtualizations}\n\
-         workload:\n  windows: 1\n  window: 3s\n  period: 1s\n  reference: {{amplitude_m: 0.05}}\n  {WHOLE_WINDOWS_COUNT}\n",
+         workload:\n  dynamics: robust\n  windows: 1\n  window: 3s\n  period: 1s\n  reference: {{amplitude_m: 0.05}}\n  {WHOLE_WINDOWS_COUNT}\n",
         mac.sshd.connect()
     )
 }

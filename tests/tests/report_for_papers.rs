@@ -71,7 +71,8 @@ fn the_tables_compile_as_they_are_and_one_by_one_in_a_papers_column() {
     let pdf = folder.join("tables.pdf");
     let words = said_by("pdftotext", &["-layout", pdf.to_str().unwrap(), "-"]);
     for expected in [
-        "Table 1: Rejections within each scenario. Run",
+        "Table 1: The layers of a robot simulation. Run",
+        "Table 3: Rejections within each scenario. Run",
         "preempt-rt",
         "p < 0.001",
         "Scenarios",
@@ -79,8 +80,11 @@ fn the_tables_compile_as_they_are_and_one_by_one_in_a_papers_column() {
         assert!(words.contains(expected), "{expected}: {words}");
     }
 
-    // Nothing but LaTeX itself, and its own narrow column of 345 pt.
-    let mut document = "\\documentclass{article}\n\\begin{document}\n\\listoftables\n".to_owned();
+    // A column of two, as narrow as that of an IEEE conference: 252 pt.
+    let mut document =
+        "\\documentclass[10pt,twocolumn]{article}\n\\usepackage[textwidth=516pt,columnsep=12pt]{geometry}\n\
+         \\usepackage{booktabs,graphicx,amsmath}\n\\begin{document}\n\\listoftables\n"
+            .to_owned();
     let mut names: Vec<String> = fs::read_dir(folder.join("tables"))
         .unwrap()
         .map(|entry| entry.unwrap().file_name().into_string().unwrap())
@@ -90,7 +94,52 @@ fn the_tables_compile_as_they_are_and_one_by_one_in_a_papers_column() {
     for name in &names {
         let label = name.trim_end_matches(".tex");
         document.push_str(&format!(
-            "See table~\\ref{{tab:{label}}}.\n\\input{{tables/{name}}}\n"
+            "\n\\raggedright See table~\\ref{{tab:{label}}}.\n\\input{{tables/{name}}}\n\\clearpage\n"
+        ));
+    }
+    document.push_str("\\end{document}\n");
+    fs::write(folder.join("paper.tex"), document).unwrap();
+    assert_eq!(compile(&folder, "paper.tex"), [""; 0]);
+    let pdf = folder.join("paper.pdf");
+    let words = said_by("pdftotext", &["-layout", pdf.to_str().unwrap(), "-"]);
+    assert!(
+        words.contains("mean |ex | + mean |ey |"),
+        "a formula is set as one: {words}"
+    );
+}
+
+#[test]
+fn the_figures_compile_as_they_are_and_one_by_one_in_a_paper_of_two_columns() {
+    let (_workplace, folder) = report();
+    assert_eq!(compile(&folder, "figures.tex"), [""; 0]);
+    let pdf = folder.join("figures.pdf");
+    let words = said_by("pdftotext", &[pdf.to_str().unwrap(), "-"]);
+    assert!(words.contains("Simulated, not measured."), "{words}");
+
+    let mut document =
+        "\\documentclass[twocolumn]{article}\n\\usepackage{graphicx}\n\\graphicspath{{figures/}}\n\
+        \\begin{document}\n"
+            .to_owned();
+    let mut names: Vec<String> = fs::read_dir(folder.join("figures"))
+        .unwrap()
+        .map(|entry| entry.unwrap().file_name().into_string().unwrap())
+        .filter(|name| name.ends_with(".tex"))
+        .collect();
+    names.sort();
+    for kind in [
+        "cdf-a-b",
+        "control-loop-a",
+        "histogram-a-b",
+        "ks-test",
+        "topology-a",
+        "trajectory-a",
+    ] {
+        assert!(names.contains(&format!("{kind}.tex")), "{kind}: {names:?}");
+    }
+    for name in &names {
+        let label = name.trim_end_matches(".tex");
+        document.push_str(&format!(
+            "See figure~\\ref{{fig:{label}}}.\n\\input{{figures/{label}}}\n\n"
         ));
     }
     document.push_str("\\end{document}\n");
@@ -115,22 +164,13 @@ fn what_latex_complains_of_is_seen() {
 fn a_figure_as_pdf_is_one_page_of_lines_and_text_with_its_font() {
     let (_workplace, folder) = report();
     let figures = folder.join("figures");
-    for (name, width, expected) in [
+    for (name, height_pt, expected) in [
         (
             "cdf-a-b.pdf",
-            820.0,
-            [
-                "D = ",
-                "window pairs rejected",
-                "SIMULATED, NOT MEASURED",
-                "|e_x|",
-            ],
+            192,
+            ["D = ", "window", "SIMULATED, NOT MEASURED", "|e_x|"],
         ),
-        (
-            "trajectory-a.pdf",
-            1000.0,
-            ["target", "actual", "time within the period (s)", "x (m)"],
-        ),
+        ("trajectory-a.pdf", 177, ["target", "actual", "time (s)", "x (m)"]),
     ] {
         let pdf = figures.join(name);
         let pdf = pdf.to_str().unwrap();
@@ -143,9 +183,9 @@ fn a_figure_as_pdf_is_one_page_of_lines_and_text_with_its_font() {
                 .to_owned()
         };
         assert!(field("Pages:").ends_with(" 1"), "{about}");
-        // A pixel of the SVG is 1/96 inch, a point 1/72.
+        // A column of 3.5 inches, a point being 1/72.
         assert!(
-            field("Page size:").contains(&format!(" {} x 420 pts", width * 0.75)),
+            field("Page size:").contains(&format!(" 252 x {height_pt} pts")),
             "{about}"
         );
         let words = said_by("pdftotext", &["-layout", pdf, "-"]);

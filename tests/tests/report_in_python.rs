@@ -36,7 +36,10 @@ fn the_example_finds_the_reports_own_numbers_and_draws_its_figure_again() {
     for said in [
         "SIMULATED, NOT MEASURED",
         "3 scenarios, 66 comparisons",
-        "D = 870/870 = 1.000",
+        "D = 29/29 = 1.000",
+        // Table III, and Table V of the one control.
+        "│ a   ┆ x86_64   ┆ debian-12 ┆ fake           ┆ 4               ┆ 6     ┆ 0",
+        "│ a   ┆ fake             ┆ 16",
     ] {
         assert!(ran.out.contains(said), "{said}: {ran:?}");
     }

@@ -9,7 +9,8 @@ use tests::{
     killed::{go_on_whole, kill_at},
 };
 
-const WORKLOAD: &str = "  windows: 2\n  window: 3s\n  period: 1s\n  reference: {amplitude_m: 0.05}\n";
+const WORKLOAD: &str =
+    "  dynamics: robust\n  windows: 2\n  window: 3s\n  period: 1s\n  reference: {amplitude_m: 0.05}\n";
 
 fn both_are_whole(workplace: &Workplace) -> bool {
     let scenario = workplace.scenario_directory();

@@ -15,7 +15,7 @@ providers:
 
 fn matrix(virtualizations: &str, workload: &str) -> String {
     format!(
-        "matrix:\n  virtualization: [{virtualizations}]\nworkload:\n  windows: 2\n  period: 1s\n  reference: \
+        "matrix:\n  virtualization: [{virtualizations}]\nworkload:\n  dynamics: robust\n  windows: 2\n  period: 1s\n  reference: \
          {{amplitude_m: 0.05}}\n  {WHOLE_WINDOWS_COUNT}\n{workload}{LIBVIRT}"
     )
 }

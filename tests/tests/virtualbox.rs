@@ -1,6 +1,8 @@
 //! Virtual machines through Vagrant and VirtualBox, from `vagrant up` to the report and to nothing: the real VirtualBox, its
 //! machine's processor interpreted.
 
+use std::{path::Path, process::Command};
+
 use serde_json::Value;
 use tests::{Ran, Workplace, virtualbox::VirtualBox};
 
@@ -10,6 +12,7 @@ workload:
   windows: 2
   rate: 2Hz
   window: 4s
+  dynamics: robust
   period: 1s
   reference: {amplitude_m: 0.05}
 ";
@@ -101,4 +104,43 @@ fn a_machine_of_virtualbox_is_made_measured_in_reported_and_removed() {
     let left = json(&["clean", "--dry-run"]);
     let machine = |it: &&Value| it["kind"] == "machine";
     assert_eq!(left["leftovers"].as_array().unwrap().iter().find(machine), None);
+}
+
+#[test]
+fn virtualbox_takes_the_box_that_matrix_makes() {
+    let workplace = Workplace::new();
+    let virtualbox = VirtualBox::below(workplace.path());
+    let recipe = Path::new(env!("CARGO_MANIFEST_DIR")).join("../vagrant/box/build");
+    let made = Command::new(recipe)
+        .args(["virtualbox", "x86_64"])
+        .output()
+        .expect("the recipe starts");
+    assert!(made.status.success(), "{made:?}");
+    let made = String::from_utf8_lossy(&made.stdout).trim().to_owned();
+    let unpacked = Command::new("tar")
+        .args(["--extract", "--file", &made, "--directory"])
+        .arg(workplace.path())
+        .status();
+    assert!(unpacked.is_ok_and(|status| status.success()));
+    let metadata = std::fs::read_to_string(workplace.path().join("metadata.json")).unwrap();
+    assert_eq!(metadata.trim(), r#"{"provider": "virtualbox"}"#);
+
+    let ovf = workplace.path().join("box.ovf");
+    let mut import = Command::new("env");
+    import.args(["VBoxManage", "import", "--dry-run"]).arg(ovf);
+    let imported = Ran::of(virtualbox.on(import).output().expect("env starts"));
+    assert_eq!(imported.code, Some(0), "{imported:?}");
+    for part in [
+        "Suggested OS type: \"Debian_64\"",
+        "SATA controller, type AHCI",
+        "source image=box.vmdk",
+        "controller=8;port=0",
+        "extra type=NAT",
+    ] {
+        assert!(
+            imported.out.contains(part),
+            "{part:?} is missing in\n{}",
+            imported.out
+        );
+    }
 }

@@ -107,7 +107,7 @@ impl Plan {
     fn start_window(&self) -> (Child, tempfile::TempDir) {
         let data = tempfile::tempdir().unwrap();
         let settings = format!(
-            r#"{{"window":"{0}s","period":"{0}s","rate":"{1}Hz","control":{{"position":{{"kp":-1.312,"kd":1.299}},"angle":{{"kp":5.79,"kd":0.22}},"phase":"1ms"}},"realtime":{{"priority":{PRIORITY},"lock_memory":true}}}}"#,
+            r#"{{"dynamics":"robust","window":"{0}s","period":"{0}s","rate":"{1}Hz","control":{{"position":{{"kp":-1.312,"kd":1.299}},"angle":{{"kp":5.79,"kd":0.22}},"phase":"1ms"}},"realtime":{{"priority":{PRIORITY},"lock_memory":true}}}}"#,
             self.seconds, self.rate_hz
         );
         let child = Command::new(env!("CARGO_BIN_EXE_workload"))

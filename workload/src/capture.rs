@@ -158,7 +158,9 @@ impl CaptureError {
                     .to_owned(),
             ),
             Self::ToolRights => Some(
-                "run as root, in a container with the capability SETGID, or write `capture: {tool: builtin}`".to_owned(),
+                "run as root, in Docker with `providers: {docker: {capabilities: [SETGID]}}`, or write `capture: {tool: \
+                 builtin}`"
+                    .to_owned(),
             ),
             Self::Filter { .. } => {
                 Some("write `capture.filter` as pcap-filter(7) says, such as `tcp and not port 11311`".to_owned())

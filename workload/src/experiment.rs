@@ -2,30 +2,33 @@
 //!
 //! ```text
 //! h1    ROS master
-//! sta1  /controller   states -> slot -> controller loop -> /command
-//! sta2  /plant        commands -> slot -> plant loop -> /state
+//! sta1  /controller   states -> slot -> controller loop -> commands
+//! sta2  /plant        commands -> slot -> plant loop -> states
 //!
-//! both loops -> queues -> Recorder -> control.csv, captures -> sealer -> window.json
+//! both loops -> queues -> Recorder -> control.csv, plant.csv, captures -> sealer -> window.json
 //! ```
 //!
-//! The experiment's clock is zero at the first control step. It is chosen shortly ahead once both topics are connected;
-//! the plant's first step comes `control.phase` before it. A step of the plant publishes the state of that instant and
-//! applies the newest command until the next one; a step of the controller uses the newest state, as in
-//! [`crate::simulation`].
+//! The three are threads of this process or processes of their own ([`nodes`]). The experiment's clock is zero at the first
+//! control step. It is chosen shortly ahead once both topics are connected; the plant's first step comes `control.phase`
+//! before it. What a step does is in [`loops`].
 //!
 //! Who is urgent: the emulator above all, since it stands for hardware; then the loops and the threads that receive
 //! for them; everything else has no priority, and the sealer less than that.
 
 mod conditions;
 mod connection;
-mod control_file;
 mod doors;
 mod error;
 mod lateness;
+mod log_file;
 mod loop_threads;
 mod loops;
 mod master;
 pub mod message;
+mod node_messages;
+mod node_process;
+mod node_program;
+mod nodes;
 mod notice_board;
 mod on_host;
 mod open_window;
@@ -33,7 +36,7 @@ mod platform_watch;
 mod recorder;
 mod rehearsal;
 mod reporter;
-mod schedule;
+pub mod schedule;
 mod slot;
 mod snapshot;
 mod validity;
@@ -49,10 +52,9 @@ use std::{
 };
 
 use self::{
-    connection::Connection,
     doors::Doors,
-    loop_threads::LoopThreads,
     loops::Shared,
+    nodes::{Loops, Nodes, Setting},
     notice_board::NoticeBoard,
     open_window::WindowShape,
     platform_watch::PlatformWatch,
@@ -62,6 +64,8 @@ use self::{
 pub use self::{
     error::ExperimentError,
     master::{survey as survey_master, uri as master_uri},
+    node_messages::Program,
+    node_program::serve,
     recorder::Ending,
     rehearsal::rehearse,
     reporter::Reporter,
@@ -113,15 +117,22 @@ pub fn run(
     let watch = PlatformWatch::start(&request.data, settings.ros.master)?;
     let captures = start_captures(settings, network.as_ref())?;
     let mut board = NoticeBoard::new();
-    let connection = Connection::open(network.as_ref(), settings, &board, stop);
+    let log_dropped = Arc::new(AtomicU64::new(0));
+    let nodes = Nodes::connect(&Setting {
+        network: network.as_ref(),
+        settings,
+        board: &board,
+        stop,
+        log_dropped: &log_dropped,
+    });
     // Those of connecting belong to no window. Where it failed they explain why.
-    let failed = connection.is_err();
+    let failed = nodes.is_err();
     board.look(|progress| {
         if failed {
             reporter.say(progress);
         }
     });
-    let Some(connection) = connection? else {
+    let Some(nodes) = nodes? else {
         return Ok(Ending::Stopped { window: first });
     };
     if settings.network.impaired_from == ImpairedFrom::Connection {
@@ -129,34 +140,34 @@ pub fn run(
     }
     keep_transcript(request, network.as_ref())?;
     reporter.say(&Progress::Connected);
-    let (nodes, plant, controller) = connection.into_ends();
-    let (threads, queues, mut grant) = LoopThreads::start(settings, plant, controller)?;
+    let (mut loops, queues, mut grant) = nodes.start_loops(settings)?;
     // After all threads have their stacks.
     lock_memory(&settings.realtime, &mut grant);
     watch.granted(grant);
     let sources = Sources {
         rows: queues.rows,
-        ticks: queues.ticks,
+        plant_rows: queues.plant_rows,
+        processes: loops.processes(),
         captures,
         network: network.as_ref(),
         board,
         shared: Shared {
             zero_ns: monotonic_ns() + AHEAD_NS + nanoseconds(settings.control.phase.duration()),
             stop: Arc::clone(stop),
-            log_dropped: Arc::new(AtomicU64::new(0)),
+            log_dropped,
         },
     };
-    let outcome = measure(request, reporter, &threads, sources);
+    let outcome = measure(request, reporter, &mut loops, sources);
     if outcome.is_err() {
         stop.store(true, Ordering::Relaxed);
     }
-    let joined = threads.join();
-    nodes.close();
+    let ended = loops.end();
     // Again, with what went through the links.
     let kept = keep_transcript(request, network.as_ref());
     let watched = watch.finish();
+    // What ended a loop is the cause of what the recorder could not go on without.
+    ended?;
     let ending = outcome?;
-    joined?;
     kept?;
     let changes = watched?;
     if !changes.is_empty() {
@@ -196,7 +207,7 @@ fn keep_transcript(request: &Request, network: &dyn Network) -> Result<(), Exper
 fn measure(
     request: &Request,
     reporter: &Reporter,
-    threads: &LoopThreads,
+    loops: &mut Loops,
     sources: Sources<'_>,
 ) -> Result<Ending, ExperimentError> {
     let settings = &request.settings;
@@ -204,7 +215,10 @@ fn measure(
     let shape = WindowShape {
         environment: request.environment.clone(),
         steps: settings.steps_per_window(),
+        steps_per_period: settings.steps_per_period(),
         step_ns,
+        phase_ns: nanoseconds(settings.control.phase.duration()),
+        late_ticks: settings.loops.late_ticks,
         captures: sources.captures.len(),
         network_seed: sources.network.seed(),
         limits: settings.validity.clone(),
@@ -216,10 +230,10 @@ fn measure(
         steps: shape.steps * request.windows.len() as u64,
     };
     let plant = Schedule {
-        first_ns: shared.zero_ns - nanoseconds(settings.control.phase.duration()),
+        first_ns: shared.zero_ns - shape.phase_ns,
         ..controller
     };
-    threads.begin(plant, controller, &shared)?;
+    loops.begin(plant, controller, &shared)?;
     Recorder::begin(sources, shape, &request.windows, &request.data, reporter)?.run()
 }
 

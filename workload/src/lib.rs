@@ -27,3 +27,4 @@ pub mod settings;
 pub mod simulation;
 pub mod survey;
 pub mod virtual_host;
+pub mod virtual_time;

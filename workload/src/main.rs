@@ -20,10 +20,10 @@ use nix::sys::signal::{SigSet, Signal};
 use workload::{
     causes::with_causes,
     detached, enter,
-    experiment::{self, Ending, ExperimentError, Reporter, Request},
+    experiment::{self, Ending, ExperimentError, Program, Reporter, Request},
     network,
     record::progress::{Part, Progress},
-    settings::Settings,
+    settings::{Dynamics, Settings},
     survey,
     virtual_host::VirtualHost,
 };
@@ -47,6 +47,9 @@ enum Command {
     Check(Check),
     /// Run network, ROS master and nodes without measuring, until SIGTERM or Ctrl-C: for ROS's tools and your own nodes.
     Rehearse(Rehearse),
+    /// One node of a workload that runs: what the workload starts in a virtual host where each node is a process.
+    #[command(hide = true)]
+    Node(Node),
     /// Run a program inside a virtual host of a workload that runs: `workload enter $(pidof workload) h1 rostopic list`.
     Enter(Enter),
     /// Keep a workload that goes on by itself: start it, follow it, bring its data, remove it.
@@ -59,7 +62,7 @@ struct Run {
     /// Name of the environment, kept with each window.
     #[arg(long)]
     environment: String,
-    /// The settings, as JSON; what is left out is the paper's.
+    /// The settings, as JSON; what is left out is as its `dynamics` has it.
     #[arg(long, default_value = "{}")]
     settings: String,
     /// Folder for the data; made if it is not there.
@@ -72,19 +75,29 @@ struct Run {
 
 #[derive(Debug, Args)]
 struct Check {
-    /// The settings, as JSON; what is left out is the paper's.
+    /// The settings, as JSON; what is left out is as its `dynamics` has it.
     #[arg(long, default_value = "{}")]
     settings: String,
 }
 
 #[derive(Debug, Args)]
 struct Rehearse {
-    /// The settings, as JSON; what is left out is the paper's.
+    /// The settings, as JSON; what is left out is as its `dynamics` has it.
     #[arg(long, default_value = "{}")]
     settings: String,
     /// A node that is not to run, since you run yours: `plant` or `controller`; twice for both.
     #[arg(long, value_parser = PossibleValuesParser::new(Part::ALL.map(Part::name)))]
     without: Vec<String>,
+}
+
+#[derive(Debug, Args)]
+struct Node {
+    /// Which.
+    #[arg(value_parser = PossibleValuesParser::new(Program::ALL.map(Program::name)))]
+    program: String,
+    /// The settings, as JSON.
+    #[arg(long)]
+    settings: String,
 }
 
 #[derive(Debug, Args)]
@@ -131,6 +144,7 @@ fn main() -> ExitCode {
         Command::Run(call) => run(call),
         Command::Check(call) => check(&call),
         Command::Rehearse(call) => rehearse(&call),
+        Command::Node(call) => node(&call),
         Command::Enter(call) => enter(&call),
         Command::Detached(verb) => detached::run(&verb),
     }
@@ -177,7 +191,7 @@ fn request(call: Run) -> Result<Request, WrongCall> {
 }
 
 fn read_settings(json: &str) -> Result<Settings, WrongCall> {
-    let settings: Settings = serde_json::from_str(json)?;
+    let settings = Settings::from_json(serde_json::from_str(json)?, Dynamics::default())?;
     match settings.problems().into_iter().next() {
         Some(problem) => Err(WrongCall::Problem {
             path: problem.path,
@@ -263,6 +277,23 @@ fn rehearse(call: &Rehearse) -> ExitCode {
     };
     reporter.finish();
     ExitCode::from(code)
+}
+
+/// It ends with its input, and not by a signal that is meant for the workload.
+fn node(call: &Node) -> ExitCode {
+    let _ = block_signals();
+    let program = Program::ALL
+        .into_iter()
+        .find(|program| program.name() == call.program);
+    match (program, read_settings(&call.settings)) {
+        (Some(program), Ok(settings)) if experiment::serve(program, &settings) => ExitCode::SUCCESS,
+        (Some(_), Ok(_)) => ExitCode::from(FAILED),
+        (None, _) => ExitCode::from(WRONG_CALL),
+        (_, Err(wrong)) => {
+            complain(&with_causes(&wrong), wrong.hint().as_deref());
+            ExitCode::from(WRONG_CALL)
+        }
+    }
 }
 
 fn enter(call: &Enter) -> ExitCode {

@@ -198,7 +198,7 @@ impl NetworkError {
             Self::Tool { program } => {
                 let package = match *program {
                     "ethtool" => "ethtool",
-                    "ovs-vsctl" | "ovs-appctl" => "openvswitch-switch",
+                    "ovs-vsctl" | "ovs-appctl" | "ovs-dpctl" => "openvswitch-switch",
                     _ => "iproute2",
                 };
                 return Some(format!(

@@ -32,6 +32,7 @@ mod publisher;
 pub mod rosmaster;
 mod socket;
 mod stop;
+pub mod string;
 mod subscription;
 #[cfg(test)]
 mod tests;
@@ -42,6 +43,6 @@ pub use master::Master;
 pub use message_type::MessageType;
 pub use node::{Node, NodeConfig, ThreadSetup};
 pub use notice::{Notice, Notices};
-pub use publisher::{PublishOutcome, Publisher};
+pub use publisher::{PublishOutcome, Publisher, Subscribers};
 pub use rosmaster::Rosmaster;
 pub use subscription::Subscription;

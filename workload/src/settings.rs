@@ -1,14 +1,20 @@
-//! The settings of the experiment, with the paper's values as defaults: the `workload:` section of a matrix file.
+//! The settings of the experiment: the `workload:` section of a matrix file. docs/paper.md says where each default comes
+//! from.
 //!
 //! The same types are read from the matrix file, kept in the manifest and handed to the workload, so that one spelling
 //! serves all three. The main type is [`Settings`]; [`Settings::problems`] says what does not fit together.
 
 use serde::{Deserialize, Serialize};
 
+mod dynamics;
 mod need;
 mod validity;
 
 pub use self::{
+    dynamics::{
+        Discretization, Dynamics, Feedback, LateTicks, Messages, PlantSends, Processes, Rates, ReferenceBy,
+        StepOrder, Waiting, asked_for, recorded,
+    },
     need::Need,
     validity::{Limit, Limits, ValiditySettings},
 };
@@ -19,6 +25,9 @@ use crate::quantity::{BitRate, Bytes, Fraction, Frequency, TimeSpan};
 #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 #[serde(deny_unknown_fields, default)]
 pub struct Settings {
+    /// Which rules plant, controller and their messages follow. It decides what the other settings are when they are
+    /// left out.
+    pub dynamics: Dynamics,
     /// How many contiguous windows are measured.
     pub windows: u32,
     /// The length of a window: a whole number of periods.
@@ -41,13 +50,23 @@ pub struct Settings {
     pub capture: CaptureSettings,
     /// What the control loops ask of the operating system.
     pub realtime: RealtimeSettings,
+    /// How the programs of plant and controller run.
+    pub loops: LoopSettings,
     /// From where on a window is suspect or invalid.
     pub validity: ValiditySettings,
 }
 
 impl Default for Settings {
     fn default() -> Self {
+        Self::of(Dynamics::default())
+    }
+}
+
+impl Settings {
+    /// The settings of [`Dynamics::Robust`], of which the others are told by their differences.
+    fn of_robust() -> Self {
         Self {
+            dynamics: Dynamics::Robust,
             windows: 4,
             window: TimeSpan::from_secs(6000),
             period: TimeSpan::from_secs(100),
@@ -59,6 +78,7 @@ impl Default for Settings {
             ros: RosSettings::default(),
             capture: CaptureSettings::default(),
             realtime: RealtimeSettings::default(),
+            loops: LoopSettings::default(),
             validity: ValiditySettings::default(),
         }
     }
@@ -71,15 +91,20 @@ impl Default for Settings {
 pub struct ReferenceSettings {
     /// The amplitude `a`, in metres.
     pub amplitude_m: f64,
+    /// What it is evaluated at.
+    pub by: ReferenceBy,
 }
 
 impl Default for ReferenceSettings {
     fn default() -> Self {
-        Self { amplitude_m: 2.0 }
+        Self {
+            amplitude_m: 2.0,
+            by: ReferenceBy::Step,
+        }
     }
 }
 
-/// The plant of the paper, one for each axis: `Y/U = 1 / (16 s (b1 s + b0))`, `X/Y = -7 / s²`.
+/// The plant, one for each axis. The paper's is `Y/U = 1 / (16 s (b1 s + b0))`, `X/Y = -7 / s²`.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 #[serde(deny_unknown_fields, default)]
@@ -88,10 +113,14 @@ pub struct PlantSettings {
     pub b1: f64,
     /// The motor's `b0`.
     pub b0: f64,
-    /// The plate tilts this far each way, in degrees.
+    /// The plate tilts this far each way, in degrees: a sixteenth of what the motor's shaft turns.
     pub angle_limit_deg: f64,
     /// The ball meets the rim at this distance from the centre, in metres.
     pub position_limit_m: f64,
+    /// How motor and ball go from one step to the next.
+    pub discretization: Discretization,
+    /// When the plant publishes its state.
+    pub sends: PlantSends,
 }
 
 impl Default for PlantSettings {
@@ -101,6 +130,8 @@ impl Default for PlantSettings {
             b0: 0.58823,
             angle_limit_deg: 32.0,
             position_limit_m: 3.1,
+            discretization: Discretization::ZeroOrderHold,
+            sends: PlantSends::OnTick,
         }
     }
 }
@@ -117,6 +148,14 @@ pub struct ControlSettings {
     /// How long after the plant's tick the controller's comes. It decides how many steps old the state is that the
     /// controller sees, so it is a setting and not a matter of which process started first.
     pub phase: TimeSpan,
+    /// Where the rates come from.
+    pub rates: Rates,
+    /// The sign with which the inner loop takes the shaft's rate.
+    pub angle_rate_feedback: Feedback,
+    /// The wanted plate angle, before the gear, is cut to this many degrees each way; `never` for no limit.
+    pub wanted_limit_deg: Limit<f64>,
+    /// What comes first in a step.
+    pub order: StepOrder,
 }
 
 impl Default for ControlSettings {
@@ -128,6 +167,10 @@ impl Default for ControlSettings {
             },
             angle: PdGains { kp: 5.79, kd: 0.22 },
             phase: TimeSpan::from_millis(10),
+            rates: Rates::Sent,
+            angle_rate_feedback: Feedback::Negative,
+            wanted_limit_deg: Limit::Never,
+            order: StepOrder::TakeFirst,
         }
     }
 }
@@ -193,7 +236,7 @@ pub enum ImpairedFrom {
     /// Once both topics are connected. Registering and connecting take some fifteen messages in a row, 0.3 s on the
     /// paper's links and minutes or for ever on worse ones, and nothing of it is measured. TCP, though, keeps the
     /// shortest round trip that it saw on a connection for 300 s (`tcp_min_rtt_wlen`) and judges reordering by a quarter
-    /// of it: it matters where segments follow each other within 10 ms, so not at the paper's 50 Hz.
+    /// of it: it matters where segments follow each other within 10 ms, so not at 50 Hz.
     Connection,
     /// From the beginning, as with Mininet's `TCLink`: registering and connecting meet delay and loss, too.
     Start,
@@ -252,6 +295,8 @@ pub struct RosSettings {
     /// Whether our subscribers ask for TCP_NODELAY. ROS 1 does not unless told to; at 40 ms round trip Nagle and
     /// delayed acknowledgements are first-order effects.
     pub tcp_nodelay: bool,
+    /// What the two topics carry.
+    pub messages: Messages,
 }
 
 impl Default for RosSettings {
@@ -259,6 +304,7 @@ impl Default for RosSettings {
         Self {
             master: RosMaster::Embedded,
             tcp_nodelay: true,
+            messages: Messages::Rates,
         }
     }
 }
@@ -333,6 +379,29 @@ impl Default for RealtimeSettings {
     }
 }
 
+/// How the programs of plant and controller run.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
+#[serde(deny_unknown_fields, default)]
+pub struct LoopSettings {
+    /// What becomes of ticks that fall due while an earlier one has not ended.
+    pub late_ticks: LateTicks,
+    /// How the controller's thread waits for its next tick. The plant's always sleeps.
+    pub controller_waits: Waiting,
+    /// Where ROS master, controller and plant run.
+    pub processes: Processes,
+}
+
+impl Default for LoopSettings {
+    fn default() -> Self {
+        Self {
+            late_ticks: LateTicks::CaughtUp,
+            controller_waits: Waiting::Sleep,
+            processes: Processes::Threads,
+        }
+    }
+}
+
 /// `TCIntf.bwParamMax` of `mininet/link.py`; it has no limit for what is above.
 const MININET_MOST_BITS_PER_SECOND: u64 = 1_000_000_000;
 
@@ -368,6 +437,33 @@ impl Settings {
     #[must_use]
     pub fn steps_per_window(&self) -> u64 {
         self.periods_per_window() * self.steps_per_period()
+    }
+
+    /// Rules that exclude each other: path, what is wrong, what to write.
+    fn contradictions(&self) -> Vec<(&'static str, &'static str, &'static str)> {
+        let mut found = Vec::new();
+        if self.control.rates == Rates::Sent && self.ros.messages != Messages::Rates {
+            found.push((
+                "control.rates",
+                "the messages carry no rates that the controller could use",
+                "write `differenced`, or `ros.messages: rates`",
+            ));
+        }
+        if self.ros.messages == Messages::Rates && self.plant.discretization == Discretization::Author {
+            found.push((
+                "ros.messages",
+                "the author's difference equations have no rates to send",
+                "write `text` or `positions`, or `plant.discretization: zero-order-hold`",
+            ));
+        }
+        if self.loops.controller_waits == Waiting::Spin && self.realtime.priority > 0 {
+            found.push((
+                "loops.controller_waits",
+                "a thread that spins at real-time priority lets nothing else run on its processor",
+                "write `sleep`, or `realtime.priority: 0`",
+            ));
+        }
+        found
     }
 
     /// What is wrong with these settings; empty if the experiment can run with them.
@@ -477,6 +573,17 @@ impl Settings {
                 "write a size from `96B` to `256KiB`".into(),
             );
         }
+        for (path, message, hint) in self.contradictions() {
+            problem(path, message.to_owned(), hint.to_owned());
+        }
+        if matches!(self.control.wanted_limit_deg, Limit::Above(limit) if !(limit.is_finite() && limit > 0.0))
+        {
+            problem(
+                "control.wanted_limit_deg",
+                "a limit that is no positive number lets no angle be wanted".into(),
+                "write a positive number of degrees, or `never`".into(),
+            );
+        }
         for path in self.validity.crossed() {
             problem(
                 path,
@@ -525,7 +632,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn the_defaults_are_the_papers_and_fit_together() {
+    fn the_defaults_have_the_papers_windows_and_fit_together() {
         let settings = Settings::default();
         assert_eq!(settings.problems(), Vec::new());
         assert_eq!(settings.periods_per_window(), 60);

@@ -77,6 +77,7 @@ pub fn platform(realtime: RealtimeGrant) -> PlatformRecord {
         cgroup_limits: cgroup::limits(),
         packages: software::packages(),
         clock: clock_discipline::read(),
+        tcp_congestion_control: read("/proc/sys/net/ipv4/tcp_congestion_control"),
         time_daemons: software::time_daemons(),
         workload_version: VERSION.to_owned(),
         ros_master: None,

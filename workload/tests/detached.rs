@@ -287,7 +287,7 @@ fn a_workload_outlives_who_started_it_and_all_of_it_is_found_afterwards() {
         all.truncate(if whole { 0 } else { all.len() / 2 });
         all.extend(rest);
     }
-    assert_eq!(record.files.len(), 4);
+    assert_eq!(record.files.len(), 5);
     for file in &record.files {
         let content = &files[&format!("window-1/{}", file.name)];
         assert_eq!(

@@ -72,7 +72,7 @@ fn a_control_loop_never_goes_to_the_allocator() {
         let (release, held) = std::sync::mpsc::channel::<()>();
         let hang = move |_: &[u8]| held.recv().unwrap_or_default();
         let subscription = controller.subscribe("/state", MESSAGE_TYPE, hang).unwrap();
-        publisher.wait_for_subscribers(1, PATIENCE).unwrap();
+        publisher.subscribers().wait_for(1, PATIENCE).unwrap();
         let mut sent = 0;
         while publish(&mut publisher, &mut encoder, &values).dropped == 0 {
             sent += 1;
@@ -81,7 +81,7 @@ fn a_control_loop_never_goes_to_the_allocator() {
         drop(release);
         drop(subscription);
         controller.shutdown();
-        while publisher.subscribers() > 0 {
+        while publisher.subscribers().count() > 0 {
             publish(&mut publisher, &mut encoder, &values);
         }
         while publish(&mut publisher, &mut encoder, &values) != PublishOutcome::default() {}

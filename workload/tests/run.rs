@@ -30,7 +30,7 @@ use workload::{
 };
 
 /// Two windows of two periods, 100 steps each.
-const SETTINGS: &str = r#"{"windows":2,"window":"2s","period":"1s"}"#;
+const SETTINGS: &str = r#"{"dynamics":"robust","windows":2,"window":"2s","period":"1s"}"#;
 const STEPS: u64 = 100;
 const STEP_NS: i64 = 20_000_000;
 
@@ -132,7 +132,10 @@ fn assert_files_are_as_recorded(folder: &Path, record: &WindowRecord) {
         .collect();
     names.sort();
     let recorded: Vec<_> = record.files.iter().map(|file| file.name.clone()).collect();
-    assert_eq!(names, ["control.csv", "h1.pcap", "sta1.pcap", "sta2.pcap"]);
+    assert_eq!(
+        names,
+        ["control.csv", "h1.pcap", "plant.csv", "sta1.pcap", "sta2.pcap"]
+    );
     assert_eq!(recorded, names);
     for file in &record.files {
         let content = fs::read(folder.join(&file.name)).unwrap();
@@ -143,6 +146,112 @@ fn assert_files_are_as_recorded(folder: &Path, record: &WindowRecord) {
             "{}",
             file.name
         );
+    }
+}
+
+/// The processes that have this one for their parent.
+fn children_of(pid: u32) -> Vec<u32> {
+    let stat = |entry: fs::DirEntry| {
+        let number = entry.file_name().to_str()?.parse().ok()?;
+        let stat = fs::read_to_string(entry.path().join("stat")).ok()?;
+        let (_, fields) = stat.rsplit_once(')')?;
+        let parent: u32 = fields.split_whitespace().nth(1)?.parse().ok()?;
+        (parent == pid).then_some(number)
+    };
+    fs::read_dir("/proc")
+        .unwrap()
+        .filter_map(|entry| stat(entry.ok()?))
+        .collect()
+}
+
+/// Whether there is such a process, and it has not ended.
+fn runs(pid: u32) -> bool {
+    fs::read_to_string(format!("/proc/{pid}/stat"))
+        .ok()
+        .and_then(|stat| Some(stat.rsplit_once(')')?.1.trim_start().starts_with('Z')))
+        .is_some_and(|is_dead| !is_dead)
+}
+
+const AUTHOR: &str = r#"{"dynamics":"author","windows":2,"window":"2s","period":"1s"}"#;
+
+#[test]
+fn the_authors_dynamics_are_measured_by_three_processes_of_which_nothing_is_left() {
+    let _machine = MACHINE.lock().unwrap_or_else(PoisonError::into_inner);
+    let folder = tempfile::tempdir().unwrap();
+    let mut run = Run::start(folder.path(), AUTHOR, "1,2");
+    run.read_until(|progress| matches!(progress, Progress::Measuring { .. }));
+    let nodes = children_of(run.child.id());
+    assert_eq!(nodes.len(), 3, "master, plant and controller: {nodes:?}");
+    let (said, status) = run.finish();
+    assert!(status.success(), "{status}: {said:?}");
+    assert!(!nodes.iter().any(|node| runs(*node)), "{nodes:?}");
+    for number in [1, 2] {
+        let record = window_record(folder.path(), number);
+        assert!(record.complete, "{:?}", record.reasons);
+        assert_eq!(record.steps_done + record.controller.lost_ticks, STEPS);
+        assert_eq!(record.plant.steps + record.plant.lost_ticks, STEPS);
+        assert_files_are_as_recorded(&window(folder.path(), number), &record);
+        let rows = rows(&window(folder.path(), number));
+        for row in rows.iter().filter(|row| row["state_seq"] > 0.0) {
+            // As the text has it: four decimals, and the stamp of a command to the microsecond.
+            for column in ["x_m", "y_m", "angle_x_rad", "angle_y_rad"] {
+                assert!(
+                    (row[column] * 1e4 - (row[column] * 1e4).round()).abs() < 1e-6,
+                    "{row:?}"
+                );
+            }
+            assert_eq!(row["state_stamp_ns"] % 1000.0, 0.0);
+            // There and back over four ends of a link of at least 9 ms each.
+            assert!(
+                row["state_received_ns"] - row["state_stamp_ns"] >= 36e6,
+                "{row:?}"
+            );
+        }
+        assert!(rows.iter().any(|row| row["state_seq"] > 0.0));
+    }
+}
+
+#[rstest::rstest]
+#[case("master")]
+#[case("plant")]
+#[case("controller")]
+fn a_node_that_is_killed_ends_the_run_with_its_name_and_the_window_is_kept(#[case] program: &str) {
+    let _machine = MACHINE.lock().unwrap_or_else(PoisonError::into_inner);
+    let folder = tempfile::tempdir().unwrap();
+    let long = AUTHOR.replace("\"window\":\"2s\"", "\"window\":\"600s\"");
+    let mut run = Run::start(folder.path(), &long, "1");
+    run.read_until(|progress| matches!(progress, Progress::Measuring { .. }));
+    let is_it = |pid: &u32| {
+        let line = fs::read(format!("/proc/{pid}/cmdline")).unwrap_or_default();
+        line.split(|byte| *byte == 0).nth(2) == Some(program.as_bytes())
+    };
+    let node = children_of(run.child.id()).into_iter().find(is_it).unwrap();
+    kill(Pid::from_raw(i32::try_from(node).unwrap()), Signal::SIGKILL).unwrap();
+    let (said, status) = run.finish();
+    assert_eq!(status.code(), Some(1));
+    let Some(Progress::Failed { reason, platform, .. }) = said.last() else {
+        panic!("{said:?}");
+    };
+    let wanted = format!("the {program} failed: it ended early: signal: 9");
+    assert!(reason.contains(&wanted), "{reason}");
+    assert!(!platform);
+    let record = window_record(folder.path(), 1);
+    assert!(!record.complete && record.steps_done > 0, "{record:?}");
+}
+
+#[test]
+fn nodes_end_with_a_workload_that_is_killed() {
+    let _machine = MACHINE.lock().unwrap_or_else(PoisonError::into_inner);
+    let folder = tempfile::tempdir().unwrap();
+    let mut run = Run::start(folder.path(), AUTHOR, "1,2");
+    run.read_until(|progress| matches!(progress, Progress::Measuring { .. }));
+    let nodes = children_of(run.child.id());
+    run.child.kill().unwrap();
+    run.child.wait().unwrap();
+    let begun = std::time::Instant::now();
+    while nodes.iter().any(|node| runs(*node)) {
+        assert!(begun.elapsed() < std::time::Duration::from_secs(20), "{nodes:?}");
+        std::thread::yield_now();
     }
 }
 

@@ -1,5 +1,7 @@
 //! `matrix plan FILE`: every scenario, whether it can run here and why not, the order, the duration, what can be found.
 
+mod sensitivity;
+
 use std::{
     collections::BTreeMap,
     fmt::Write,
@@ -37,6 +39,10 @@ pub struct PlanArguments {
     /// How much window levels are assumed to spread (standard deviation), such as 1mm.
     #[arg(long, value_name = "LENGTH")]
     spread: Option<Length>,
+    /// Simulate what a pair of windows would detect: more delay, more loss, late ticks. Takes a minute or more for each
+    /// distinct experiment.
+    #[arg(long)]
+    sensitivity: bool,
     #[command(flatten)]
     pub(crate) output: OutputArguments,
 }
@@ -69,8 +75,15 @@ pub async fn execute(arguments: &PlanArguments) -> Result<Exit, Complaint> {
         planned.plan.warnings.push(warning);
     }
     let spread_m = spread_of_levels(arguments)?;
+    let scenarios = planned.plan.record.scenarios.iter();
+    let sensitivity = arguments
+        .sensitivity
+        .then(|| sensitivity::of(scenarios, &planned.file.report, arguments.selection.seed));
     if arguments.output.json {
         let mut json = as_json(&planned.plan);
+        if let Some(found) = &sensitivity {
+            json["sensitivity"] = sensitivity::as_json(found);
+        }
         if let (Some(spread_m), Some(design)) = (spread_m, &planned.plan.windows) {
             json["detectable_shift_m"] = json!(design.detectable_shift_m(spread_m));
             json["spread_m"] = json!(spread_m);
@@ -80,6 +93,9 @@ pub async fn execute(arguments: &PlanArguments) -> Result<Exit, Complaint> {
         let mut text = as_text(&planned.plan);
         if let (Some(spread_m), Some(design)) = (spread_m, &planned.plan.windows) {
             text.push_str(&what_would_be_found(design, spread_m));
+        }
+        if let Some(found) = &sensitivity {
+            text.push_str(&sensitivity::as_text(found));
         }
         terminal::result(&text);
     }

@@ -3,7 +3,7 @@
 use std::{fs, path::PathBuf, time::SystemTime};
 
 use clap::Args;
-use reports::run_directory::{FORMAT, HostRecord, Manifest};
+use reports::run_directory::{FORMAT, HostRecord, Manifest, Revision};
 use sha2::{Digest, Sha256};
 
 use super::{
@@ -105,6 +105,7 @@ fn manifest(arguments: &RunArguments, planned: &Planned) -> Result<Manifest, Com
         run: run_name(),
         created: journal::now(),
         matrix_version: env!("CARGO_PKG_VERSION").to_owned(),
+        matrix_revision: revision(),
         workload_sha256: workload_binary::sha256().to_owned(),
         matrix_file: path.display().to_string(),
         matrix_text: text.to_owned(),
@@ -115,6 +116,16 @@ fn manifest(arguments: &RunArguments, planned: &Planned) -> Result<Manifest, Com
         providers,
         hosts: hosts(planned)?,
         report: planned.file.report.clone(),
+        redacted: false,
+    })
+}
+
+/// The revision of the sources of this program, as the build script found it.
+fn revision() -> Option<Revision> {
+    let commit = env!("MATRIX_SOURCE_COMMIT");
+    (!commit.is_empty()).then(|| Revision {
+        commit: commit.to_owned(),
+        dirty: env!("MATRIX_SOURCE_DIRTY") == "true",
     })
 }
 
@@ -140,4 +151,26 @@ fn run_name() -> String {
     let digits: String = time.chars().filter(char::is_ascii_digit).collect();
     let (day, clock) = digits.split_at(8.min(digits.len()));
     format!("{day}-{clock}-{:x}", std::process::id())
+}
+
+#[cfg(test)]
+mod tests {
+    use std::process::Command;
+
+    use super::*;
+
+    #[test]
+    fn the_revision_is_the_one_that_git_has_checked_out() {
+        let git = |arguments: &[&str]| {
+            let output = Command::new("git")
+                .args(arguments)
+                .current_dir(concat!(env!("CARGO_MANIFEST_DIR"), "/.."))
+                .output();
+            let output = output.ok().filter(|output| output.status.success());
+            output.map(|output| String::from_utf8(output.stdout).unwrap().trim().to_owned())
+        };
+        // Outside of git there is none.
+        let commit = git(&["rev-parse", "HEAD"]);
+        assert_eq!(revision().map(|revision| revision.commit), commit);
+    }
 }

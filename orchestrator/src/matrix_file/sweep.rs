@@ -154,7 +154,7 @@ mod tests {
 
     #[rstest]
     #[case("network.los", "did you mean `network.loss`?")]
-    #[case("ros", "write one of `ros.master`, `ros.tcp_nodelay`")]
+    #[case("ros", "write one of `ros.master`, `ros.tcp_nodelay`, `ros.messages`")]
     #[case(
         "workload.network.loss",
         "settings are swept by their path within `workload:`: write `network.loss`"

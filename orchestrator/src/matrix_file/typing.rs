@@ -72,6 +72,8 @@ enum Wrong {
         found: String,
         wanted: String,
     },
+    /// One more value in a list than belongs there.
+    TooMany,
     Other(String),
 }
 
@@ -123,6 +125,8 @@ impl TypeError {
                 error(Code::WrongType, format!("{wanted} belongs here, not {found}"))
                     .help(format!("write {wanted}"))
             }
+            Wrong::TooMany => error(Code::WrongType, "there is one value too many here".to_owned())
+                .help("take it out of the list, or begin another list"),
             // What quantities say of themselves is `what is wrong: what to write`.
             Wrong::Other(message) => match message.split_once(": ") {
                 Some((what, help)) => error(Code::InvalidValue, what.to_owned()).help(help),
@@ -155,6 +159,14 @@ impl de::Error for TypeError {
 
     fn invalid_value(found: Unexpected<'_>, wanted: &dyn Expected) -> Self {
         Self::invalid_type(found, wanted)
+    }
+
+    fn invalid_length(length: usize, wanted: &dyn Expected) -> Self {
+        Wrong::Type {
+            found: format!("a list of {length}"),
+            wanted: spell_wanted(&wanted.to_string()),
+        }
+        .into()
     }
 
     fn unknown_field(key: &str, known: &'static [&'static str]) -> Self {

@@ -2,6 +2,7 @@
 
 use std::collections::{HashMap, HashSet};
 
+pub use reports::run_directory::letter;
 use sha2::{Digest, Sha256};
 
 use crate::matrix_file::Role;
@@ -10,19 +11,6 @@ use crate::matrix_file::Role;
 pub const SLUG_LENGTH: usize = 60;
 /// Hexadecimal digits of the hash that tells apart what would be the same.
 const HASH_LENGTH: usize = 8;
-
-/// The letter of the scenario at an index from 0: a, b, … z, aa, ab, …
-#[must_use]
-pub fn letter(index: usize) -> String {
-    let mut letters = Vec::new();
-    let mut rest = index + 1;
-    while rest > 0 {
-        rest -= 1;
-        letters.push(char::from(b'a' + (rest % 26) as u8));
-        rest /= 26;
-    }
-    letters.iter().rev().collect()
-}
 
 /// One slug for each scenario, given as pairs of axis and value: unique, `[a-z0-9-]`, at most [`SLUG_LENGTH`] long, with
 /// a letter or digit at both ends.

@@ -3,7 +3,7 @@
 //!
 //! ```text
 //! environment.json  network.txt  progress.jsonl
-//! window-N/         control.csv  h1.pcap  sta1.pcap  sta2.pcap  window.json
+//! window-N/         control.csv  plant.csv  h1.pcap  sta1.pcap  sta2.pcap  window.json
 //! ```
 //!
 //! Names and sizes from the other side are not trusted: what is not one of these is not brought, nothing but regular
@@ -156,7 +156,7 @@ fn longest_of_window(file: &str) -> Option<u64> {
     };
     match file {
         "window.json" => Some(LONGEST_RECORD),
-        "control.csv" => Some(LONGEST_LOG),
+        "control.csv" | "plant.csv" => Some(LONGEST_LOG),
         _ if is_capture() => Some(LONGEST_LOG),
         _ => None,
     }
@@ -261,6 +261,7 @@ mod tests {
     #[case("network.txt", true)]
     #[case("progress.jsonl", true)]
     #[case("window-1/control.csv", true)]
+    #[case("window-1/plant.csv", true)]
     #[case("window-12/sta2.pcap", true)]
     #[case("window-4/window.json", true)]
     #[case("./environment.json", false)]

@@ -121,6 +121,7 @@ impl Docker {
             "engine_version": engine.version,
             "engine_api_version": engine.api_version,
             "engine_kernel": engine.kernel,
+            "engine_parts": engine.parts,
             "image": image.name,
             "image_id": image.id,
             "image_base": image.base.as_ref().map(|(name, id)| json!({"name": name, "id": id})),
@@ -191,8 +192,10 @@ impl Provider for Docker {
     async fn survey(&self) -> Availability {
         let surveyed = async {
             let engine = self.engine().await?;
-            if let Some(image) = &self.settings.image {
-                image::base_id(engine, image).await?;
+            match &self.settings.image {
+                Some(image) => drop(image::base_id(engine, image).await?),
+                None if self.settings.entrypoint.is_empty() => {}
+                None => return Err(no_entrypoint()),
             }
             engine.judge()
         };
@@ -219,7 +222,7 @@ impl Provider for Docker {
         }
         let asked = async {
             let engine = self.engine().await?;
-            if programs.is_empty() && engine.is_here {
+            if programs.is_empty() && engine.is_here && self.settings.entrypoint.is_empty() {
                 return Ok(None);
             }
             let record = check::check(engine, image, need, &self.settings).await?;
@@ -400,6 +403,19 @@ impl Provider for Docker {
             }
             _ => Ok(()),
         }
+    }
+}
+
+/// An entry point is a program of an image.
+fn no_entrypoint() -> ProviderError {
+    ProviderError::Unsupported {
+        provider: NAME.to_owned(),
+        reason:
+            "providers.docker.entrypoint names a program, and the built-in image has none but the workload"
+                .to_owned(),
+        hint: Some(
+            "name the image that has it in `providers.docker.image`, or leave `entrypoint` out".to_owned(),
+        ),
     }
 }
 

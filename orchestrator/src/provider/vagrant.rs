@@ -105,7 +105,9 @@ impl Vagrant {
             "vagrant".to_owned(),
             json!(requirements::version(self.host.as_ref()).await),
         );
+        facts.extend(requirements::versions(self.host.as_ref(), self.provider).await);
         facts.insert("machine".to_owned(), json!(self.settings));
+        facts.insert("box".to_owned(), json!(entered.machine.made_of().await));
         facts.insert(
             "workload_sha256".to_owned(),
             json!(entered.keeper.deployed().await?.sha256),
@@ -144,6 +146,7 @@ impl Provider for Vagrant {
             .prepare(&request.owner(self.provider), &self.settings)
             .await?;
         machine.up(self.settings.boot_timeout.duration()).await?;
+        machine.digest_box().await;
         let entered = self.enter(machine, &request.environment).await?;
         let (clock, _) = ClockReading::of(&entered.keeper).await?;
         entered.keeper.start(self.provider, request).await?;

@@ -66,8 +66,17 @@ impl RecordedRun {
     /// The providers that it was begun with.
     ///
     /// # Errors
-    /// When their settings cannot be understood.
+    /// When their settings cannot be understood, or the run is a redacted copy.
     pub fn roster(&self) -> Result<Roster, Complaint> {
+        if self.manifest.redacted {
+            return Err(Complaint {
+                what: format!("run {} is a redacted copy", self.manifest.run).into(),
+                hint: Some(
+                    "it says of no host how it is reached: go on with the run that it was made of".to_owned(),
+                ),
+                exit: Exit::Wrong,
+            });
+        }
         match serde_json::from_value(self.manifest.providers.clone()) {
             Ok(settings) => Ok(Roster::new(settings, self.hosts()?)),
             Err(error) => Err(of_another_version(&error)),

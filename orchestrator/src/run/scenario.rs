@@ -28,7 +28,7 @@ use crate::{
     matrix_file::{HARDWARE, OS},
     plan::placement::{Claim, Contradiction},
     provider::detached::Keeper,
-    provider::{Ended, Environment, EnvironmentRequest, Provider, ProviderError},
+    provider::{Ended, Environment, EnvironmentRequest, Provider, ProviderError, facts},
 };
 
 /// Why the infrastructure could not do what a scenario needs.
@@ -201,7 +201,7 @@ impl Run<'_> {
                 self.events.emit(Event::EnvironmentCreated {
                     scenario: planned.slug.clone(),
                     environment: request.environment.clone(),
-                    facts: environment.facts(),
+                    facts: facts::of(environment.as_ref()),
                 })?;
                 self.measure(provider.as_ref(), environment, &request, quiet)
                     .await
@@ -511,7 +511,7 @@ impl Run<'_> {
             environment: request.environment.clone(),
             provider: provider.name().to_owned(),
             host: request.host.clone(),
-            facts: environment.facts(),
+            facts: facts::of(environment),
             platform: read_json(&folder.join("environment.json")),
         };
         let path = self.directory.environment(&request.scenario);

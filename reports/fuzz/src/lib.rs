@@ -34,6 +34,8 @@ pub fn control_log(bytes: &[u8]) {
         .saturating_sub(1) as u64;
     for steps_per_period in [1, 10] {
         let expected = Expected {
+            lost: 0,
+            first_step: None,
             steps,
             steps_per_period,
             file: &record,

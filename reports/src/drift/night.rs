@@ -140,7 +140,11 @@ impl Night {
     pub fn of(run: &Run, traffic: &Traffic) -> Result<Self, ReadError> {
         let settings = &run.manifest.report;
         let samples = samples(run, settings);
-        let provisioning = provisioning(&Journal::read(&run.directory.journal())?);
+        let journals = run
+            .parts
+            .iter()
+            .map(|part| Journal::read(&part.directory.journal()));
+        let provisioning = provisioning(&journals.collect::<Result<Vec<_>, _>>()?);
         let mut scenarios = BTreeMap::new();
         for scenario in &run.scenarios {
             let planned = &scenario.planned;
@@ -239,10 +243,10 @@ fn delay_s(window: &WindowTraffic) -> Option<f64> {
 }
 
 /// How long each environment took to be made, in seconds, by scenario.
-fn provisioning(journal: &Journal) -> BTreeMap<String, Vec<f64>> {
+fn provisioning(journals: &[Journal]) -> BTreeMap<String, Vec<f64>> {
     let mut begun = BTreeMap::new();
     let mut took = BTreeMap::<String, Vec<f64>>::new();
-    for entry in &journal.entries {
+    for entry in journals.iter().flat_map(|journal| &journal.entries) {
         match &entry.event {
             Event::EnvironmentCreating { environment, .. } => {
                 begun.insert(environment, &entry.at);

@@ -1,90 +1,101 @@
-//! The empirical distribution functions of two windows, with the Kolmogorov-Smirnov distance where it is attained.
-//!
-//! Two scenarios have many pairs of windows. The pair shown is the one whose distance is the median of all, so that the
-//! figure is neither the best case nor the worst.
+//! The empirical distribution functions of two windows, with the Kolmogorov-Smirnov distance where it is attained; and the
+//! same as an example of the test.
 
 use plotters::{
-    chart::ChartBuilder,
-    prelude::{BLACK, Circle, Color, LineSeries, PathElement, Text},
-    style::{IntoFont, ShapeStyle},
+    element::{Circle, PathElement, Text},
+    series::{DashedLineSeries, LineSeries},
+    style::{
+        BLACK,
+        text_anchor::{HPos, VPos},
+    },
 };
 
-use super::{Area, DrawingError, FIRST, FRAME, Figure, FigureError, GRID, SECOND, drawn, label};
-use crate::{
-    comparison::Comparison,
-    report::{Report, ScenarioReport},
+use super::{
+    Figure, FigureError, Kind,
+    canvas::{
+        About, Area, Axes, DASH_PT, DrawingError, FIRST, LETTERS_PT, SECOND, Sample, anchored, drawn, legend,
+        line, pt,
+    },
+    pairs::{self, WindowPair},
 };
+use crate::{comparison::Comparison, report::Report};
 
-pub(super) fn draw(
-    report: &Report,
-    a: &ScenarioReport,
-    b: &ScenarioReport,
-) -> Result<Option<Figure>, FigureError> {
-    let Some((comparison, tally)) = median_comparison(report, a, b).zip(report.tally(&a.id, &b.id)) else {
-        return Ok(None);
-    };
-    // As the comparison has them, which may be the other way round.
-    let (a, b) = if *comparison.a == *a.id { (a, b) } else { (b, a) };
-    let sorted = |scenario: &str, window| {
-        let sample = report
-            .samples
-            .iter()
-            .find(|s| s.scenario == scenario && s.window == window);
-        let mut errors_m = sample.map(|sample| sample.errors_m.clone()).unwrap_or_default();
-        errors_m.sort_by(f64::total_cmp);
-        errors_m
-    };
-    let pair = Pair {
-        x: sorted(&comparison.a, comparison.a_window),
-        y: sorted(&comparison.b, comparison.b_window),
-        names: [
-            format!("{} {}, window {}", a.id, a.slug, comparison.a_window),
-            format!("{} {}, window {}", b.id, b.slug, comparison.b_window),
-        ],
-        axis: format!("error of a period, {} (m)", report.settings.metric.formula()),
-        distance: format!(
-            "D = {}/{} = {:.3}",
-            comparison.test.h, comparison.test.lcm, comparison.test.d
-        ),
-    };
-    let verdict = if comparison.rejected {
-        "rejected"
-    } else {
-        "not rejected"
-    };
-    let caption = [
-        format!("{} {} against {} {}", a.id, a.slug, b.id, b.slug),
+/// Draws the distribution functions of two windows.
+pub(super) fn draw(report: &Report, pair: &WindowPair<'_>) -> Result<Figure, FigureError> {
+    let comparison = &pair.comparison;
+    let [first, second] = pair.names();
+    let [a, b] = pair.scenarios;
+    let counts = report.tally(&a.id, &b.id).map_or_else(String::new, |tally| {
         format!(
-            "n = {}, m = {}, p = {} ({}), {verdict} at p < {}",
+            "; {} of {} window pairs are rejected",
+            tally.rejected, tally.pairs
+        )
+    });
+    let about = About {
+        kind: Kind::Distributions,
+        of: pair.name.clone(),
+        caption: format!(
+            "Distribution functions of the errors of {first}, and {second}: {}, n = {}, m = {}, p = {} ({}), {} at p < {}. {}{counts}.",
+            distance(comparison),
             comparison.test.n,
             comparison.test.m,
             p_value(comparison),
             comparison.test.method.name(),
-            report.settings.alpha
+            if comparison.rejected {
+                "rejected"
+            } else {
+                "not rejected"
+            },
+            report.settings.alpha,
+            pair.choice,
         ),
-        format!(
-            "The pair of the median D; {} of {} window pairs rejected",
-            tally.rejected, tally.pairs
-        ),
-    ];
-    let name = format!("cdf-{}-{}.svg", a.id, b.id);
-    let is_simulated = a.is_simulated || b.is_simulated;
-    drawn(name, (820, 560), &caption, is_simulated, |area| pair.draw(area)).map(Some)
+        is_simulated: pair.is_simulated(),
+        height_pt: 180.0,
+    };
+    let curves = Curves {
+        samples: pair.samples(report),
+        names: pair.names(),
+        x: format!("error of a period, {} (m)", report.settings.metric.formula()),
+        y: "share of periods",
+        distance: distance(comparison),
+    };
+    drawn(about, |area| curves.draw(area))
 }
 
-fn median_comparison<'a>(
-    report: &'a Report,
-    a: &ScenarioReport,
-    b: &ScenarioReport,
-) -> Option<&'a Comparison> {
-    let is_of_both = |c: &&Comparison| (*c.a == *a.id && *c.b == *b.id) || (*c.a == *b.id && *c.b == *a.id);
-    let mut comparisons: Vec<&Comparison> = report.comparisons.iter().filter(is_of_both).collect();
-    comparisons.sort_by(|first, second| first.test.d.total_cmp(&second.test.d));
-    comparisons.get(comparisons.len() / 2).copied()
+/// Draws an example of the test: of all pairs of windows of two scenarios the one of the median D. None if no two are compared.
+pub(super) fn example(report: &Report) -> Result<Option<Figure>, FigureError> {
+    let Some(pair) = pairs::of_median_d(report) else {
+        return Ok(None);
+    };
+    let [first, second] = pair.names();
+    let about = About {
+        kind: Kind::KsTest,
+        of: String::new(),
+        caption: format!(
+            "The two-sample Kolmogorov-Smirnov test: D is the largest distance between the distribution functions \
+             of two samples, here of {first}, and {second}, {} and {} periods. {}.",
+            pair.comparison.test.n, pair.comparison.test.m, pair.choice
+        ),
+        is_simulated: pair.is_simulated(),
+        height_pt: 150.0,
+    };
+    let curves = Curves {
+        samples: pair.samples(report),
+        names: [format!("F(x) of {first}"), format!("G(x) of {second}")],
+        x: "x, the error of a period (m)".to_owned(),
+        y: "F(x), G(x)",
+        distance: "D".to_owned(),
+    };
+    drawn(about, |area| curves.draw(area)).map(Some)
+}
+
+fn distance(comparison: &Comparison<'_>) -> String {
+    let test = &comparison.test;
+    format!("D = {}/{} = {:.3}", test.h, test.lcm, test.d)
 }
 
 /// A p-value in three digits, also where a double cannot hold it.
-fn p_value(comparison: &Comparison) -> String {
+fn p_value(comparison: &Comparison<'_>) -> String {
     let test = &comparison.test;
     if test.p >= 0.001 {
         return format!("{:.3}", test.p);
@@ -94,78 +105,49 @@ fn p_value(comparison: &Comparison) -> String {
 }
 
 /// What is drawn: the samples in ascending order, and words.
-struct Pair {
-    x: Vec<f64>,
-    y: Vec<f64>,
+struct Curves {
+    samples: [Vec<f64>; 2],
     names: [String; 2],
-    axis: String,
+    x: String,
+    y: &'static str,
     distance: String,
 }
 
-impl Pair {
+impl Curves {
     fn draw(&self, area: &Area<'_>) -> Result<(), DrawingError> {
-        let (low, high) = self.range();
-        let mut chart = ChartBuilder::on(area)
-            .margin(14)
-            .x_label_area_size(44)
-            .y_label_area_size(56)
-            .build_cartesian_2d(low..high, 0.0..1.0)?;
-        chart
-            .configure_mesh()
-            .light_line_style(BLACK.mix(0.0))
-            .bold_line_style(GRID)
-            .x_desc(self.axis.as_str())
-            .y_desc("share of periods with at most this error")
-            .label_style(label())
-            .axis_desc_style(label())
-            .draw()?;
-        for ((sample, name), colour) in [&self.x, &self.y]
-            .into_iter()
-            .zip(&self.names)
-            .zip([FIRST, SECOND])
-        {
-            let style = ShapeStyle::from(colour).stroke_width(2);
-            chart
-                .draw_series(LineSeries::new(steps(sample, low, high), style))?
-                .label(name.as_str())
-                .legend(move |(x, y)| PathElement::new([(x, y), (x + 22, y)], style));
-        }
+        let [x, y] = &self.samples;
+        let [first, second] = [line(FIRST, 1.0), line(SECOND, 1.0)];
+        let [of_x, of_y] = self.names.each_ref().map(String::as_str);
+        let below = legend(
+            area,
+            &[(Sample::Line(first), of_x), (Sample::Dashed(second), of_y)],
+        )?;
+        let (low, high) = range(&self.samples);
+        let axes = Axes {
+            x: low..high,
+            y: 0.0..1.0,
+            names: [&self.x, self.y],
+            ticks: [5, 5],
+            sides_pt: [30.0, 12.0],
+        };
+        let mut chart = axes.draw(&below)?;
+        chart.draw_series(LineSeries::new(steps(x, low, high), first))?;
+        let (dash, gap) = (pt(DASH_PT.0), pt(DASH_PT.1));
+        chart.draw_series(DashedLineSeries::new(steps(y, low, high), dash, gap, second))?;
         let (at, lower, upper) = self.widest();
-        let mark = ShapeStyle::from(BLACK).stroke_width(3);
+        let mark = line(BLACK, 1.5);
         chart.draw_series([PathElement::new([(at, lower), (at, upper)], mark)])?;
-        chart.draw_series([lower, upper].map(|share| Circle::new((at, share), 4, mark.filled())))?;
-        // The words stand on the side that has more room.
-        let words_at = if at < (low + high) / 2.0 {
-            at + (high - low) * 0.015
-        } else {
-            at - (high - low) * 0.23
+        chart.draw_series([lower, upper].map(|share| Circle::new((at, share), pt(2.0), mark.filled())))?;
+        // To the right both functions are above the lower end of the mark, to the left below the upper one: no curve is there.
+        let (room, height) = ((high - low) * 0.02, 0.07);
+        let (place, side) = match at < (low + high) / 2.0 {
+            true => ((at + room, (lower - height).max(height)), HPos::Left),
+            false => ((at - room, (upper + height).min(1.0 - height)), HPos::Right),
         };
-        let words = Text::new(
-            self.distance.clone(),
-            (words_at, (lower + upper) / 2.0),
-            ("sans-serif", 15).into_font().color(&BLACK),
-        );
+        let style = anchored(LETTERS_PT, side, VPos::Center).color(&BLACK);
+        let words = Text::new(self.distance.clone(), place, style);
         chart.draw_series([words])?;
-        chart
-            .configure_series_labels()
-            .position(plotters::chart::SeriesLabelPosition::LowerRight)
-            .background_style(plotters::prelude::WHITE)
-            .border_style(FRAME)
-            .label_font(label())
-            .draw()
-    }
-
-    /// The values with some room on both sides.
-    fn range(&self) -> (f64, f64) {
-        let values = || self.x.iter().chain(&self.y).copied();
-        let low = values().fold(f64::INFINITY, f64::min);
-        let high = values().fold(f64::NEG_INFINITY, f64::max);
-        let room = if high > low {
-            0.05 * (high - low)
-        } else {
-            0.05 * high.abs().max(1.0)
-        };
-        (low - room, high + room)
+        Ok(())
     }
 
     /// Where the distance is attained first, and the two functions there, the lower one first.
@@ -173,18 +155,30 @@ impl Pair {
         let at_most = |sample: &[f64], value: f64| {
             sample.partition_point(|other| *other <= value) as f64 / sample.len().max(1) as f64
         };
-        let heights = |value: f64| (at_most(&self.x, value), at_most(&self.y, value));
-        let mut values: Vec<f64> = self.x.iter().chain(&self.y).copied().collect();
+        let mut values = self.samples.concat();
         values.sort_by(f64::total_cmp);
         let mut widest = (0.0, 0.0, 0.0);
         for value in values {
-            let (of_x, of_y) = heights(value);
+            let [of_x, of_y] = self.samples.each_ref().map(|sample| at_most(sample, value));
             if (of_x - of_y).abs() > widest.2 - widest.1 {
                 widest = (value, of_x.min(of_y), of_x.max(of_y));
             }
         }
         widest
     }
+}
+
+/// The values of both samples with some room on both sides.
+pub(super) fn range(samples: &[Vec<f64>; 2]) -> (f64, f64) {
+    let values = || samples.iter().flatten().copied();
+    let low = values().fold(f64::INFINITY, f64::min);
+    let high = values().fold(f64::NEG_INFINITY, f64::max);
+    let room = if high > low {
+        0.05 * (high - low)
+    } else {
+        0.05 * high.abs().max(1.0)
+    };
+    (low - room, high + room)
 }
 
 /// The corners of a sample's distribution function from `low` to `high`.
@@ -196,4 +190,22 @@ fn steps(sorted: &[f64], low: f64, high: f64) -> Vec<(f64, f64)> {
     }
     corners.push((high, 1.0));
     corners
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_distribution_function_rises_from_nothing_to_all() {
+        let corners = [
+            (0.0, 0.0),
+            (1.0, 0.0),
+            (1.0, 0.5),
+            (2.0, 0.5),
+            (2.0, 1.0),
+            (3.0, 1.0),
+        ];
+        assert_eq!(steps(&[1.0, 2.0], 0.0, 3.0), corners);
+    }
 }

@@ -46,24 +46,31 @@ pub enum PdfError {
     },
 }
 
-/// The figure on a page of its own size, a pixel of the SVG being 1/96 inch.
+/// The figure on a page of its own size.
 ///
 /// # Errors
 /// When the SVG cannot be read or has what the library cannot convert.
 pub fn of(figure: &Figure) -> Result<Vec<u8>, PdfError> {
+    svg2pdf::to_pdf(
+        &tree(figure)?,
+        ConversionOptions::default(),
+        PageOptions { dpi: DPI },
+    )
+    .map_err(|reason| PdfError::Write {
+        name: figure.name.clone(),
+        reason,
+    })
+}
+
+/// The drawing with its letters laid out.
+pub(super) fn tree(figure: &Figure) -> Result<Tree, PdfError> {
     let options = Options {
         fontdb: FONTS.clone(),
         font_family: FAMILY.to_owned(),
         ..Options::default()
     };
-    let tree = Tree::from_str(&figure.svg, &options).map_err(|source| PdfError::Read {
+    Tree::from_str(&figure.svg, &options).map_err(|source| PdfError::Read {
         name: figure.name.clone(),
         source,
-    })?;
-    svg2pdf::to_pdf(&tree, ConversionOptions::default(), PageOptions { dpi: DPI }).map_err(|reason| {
-        PdfError::Write {
-            name: figure.name.clone(),
-            reason,
-        }
     })
 }

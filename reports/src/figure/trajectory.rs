@@ -1,50 +1,58 @@
 //! One period of target and actual position: the path in the plane, and both coordinates over time. The period is the
 //! last one of the first window that counts, where the transient is over.
 
-use plotters::{
-    chart::{ChartBuilder, SeriesLabelPosition},
-    prelude::{BLACK, Color, LineSeries, PathElement, WHITE},
-    style::{RGBColor, ShapeStyle},
-};
+use plotters::{prelude::RGBColor, series::LineSeries, style::ShapeStyle};
 
-use super::{Area, DrawingError, FIRST, FRAME, Figure, FigureError, GRID, SECOND, drawn, label};
+use super::{
+    Figure, FigureError, Kind,
+    canvas::{About, Area, Axes, DrawingError, FIRST, SECOND, Sample, drawn, legend, line, pt},
+};
 use crate::{run::ScenarioRun, run_directory::PeriodPath};
 
 /// More points than this are not seen, and make the file large.
 const POINTS: usize = 1000;
+/// For the path in the plane: so that it has one scale both ways.
+const PLANE_PT: f64 = 155.0;
 
 pub(super) fn draw(scenario: &ScenarioRun) -> Result<Option<Figure>, FigureError> {
     let Some((window, _, trace)) = scenario.counted().next() else {
         return Ok(None);
     };
     let planned = &scenario.planned;
-    let caption = [
-        format!("{} {}: target and actual position", planned.id, planned.slug),
-        format!("Last period of window {window}; the actual position is as the controller received it"),
-    ];
-    let name = format!("trajectory-{}.svg", planned.id);
+    let about = About {
+        kind: Kind::Trajectory,
+        of: planned.id.clone(),
+        caption: format!(
+            "One period of target and actual position of {} {}: the last of window {window}. The actual position is as the \
+             controller received it.",
+            planned.id, planned.slug
+        ),
+        is_simulated: scenario.is_simulated(),
+        height_pt: 165.0,
+    };
     let period_s = planned.settings.period.as_secs_f64();
-    drawn(name, (1000, 560), &caption, scenario.is_simulated(), |area| {
-        draw_period(area, &trace.last_period, period_s)
-    })
-    .map(Some)
+    drawn(about, |area| draw_period(area, &trace.last_period, period_s)).map(Some)
 }
 
 fn draw_period(area: &Area<'_>, path: &PeriodPath, period_s: f64) -> Result<(), DrawingError> {
-    let (plane, over_time) = area.split_horizontally(490);
+    let curves = curves(path);
+    let below = legend(
+        area,
+        &curves.each_ref().map(|it| (Sample::Line(it.style), it.name)),
+    )?;
+    let (plane, over_time) = below.split_horizontally(pt(PLANE_PT));
     let reach = reach(path);
-    draw_plane(&plane, path, reach)?;
-    for (panel, name, of) in [
-        (0, "x (m)", (|p: &(f64, f64)| p.0) as fn(&(f64, f64)) -> f64),
-        (1, "y (m)", |p| p.1),
-    ] {
-        let panels = over_time.split_evenly((2, 1));
-        if let Some(area) = panels.get(panel) {
-            draw_coordinate(area, path, reach, period_s, name, of)?;
-        }
+    draw_plane(&plane, &curves, reach)?;
+    let names = [("", "x (m)"), ("time (s)", "y (m)")];
+    let coordinates: [Coordinate; 2] = [|point| point.0, |point| point.1];
+    for ((area, names), of) in over_time.split_evenly((2, 1)).iter().zip(names).zip(coordinates) {
+        draw_coordinate(area, &curves, reach, period_s, names, of)?;
     }
     Ok(())
 }
+
+/// Of a point (x, y), in metres, one of the two.
+type Coordinate = fn(&(f64, f64)) -> f64;
 
 /// The largest coordinate and some room, so that both axes have one scale.
 fn reach(path: &PeriodPath) -> f64 {
@@ -62,16 +70,16 @@ struct Curve<'a> {
 
 /// The target below the actual path, and wider, so that both are seen where they meet.
 fn curves(path: &PeriodPath) -> [Curve<'_>; 2] {
-    let style = |colour: RGBColor, width| ShapeStyle::from(colour).stroke_width(width);
+    let style = |colour: RGBColor, width_pt| line(colour, width_pt);
     [
         Curve {
             name: "target",
-            style: style(SECOND, 2),
+            style: style(SECOND, 1.5),
             points: &path.reference_m,
         },
         Curve {
             name: "actual",
-            style: style(FIRST, 1),
+            style: style(FIRST, 0.6),
             points: &path.received_m,
         },
     ]
@@ -82,63 +90,41 @@ fn thinned<T: Copy>(points: &[T]) -> impl Iterator<Item = (usize, T)> {
     points.iter().copied().enumerate().step_by(every)
 }
 
-fn draw_plane(area: &Area<'_>, path: &PeriodPath, reach: f64) -> Result<(), DrawingError> {
-    let mut chart = ChartBuilder::on(area)
-        .margin(14)
-        .x_label_area_size(40)
-        .y_label_area_size(48)
-        .build_cartesian_2d(-reach..reach, -reach..reach)?;
-    chart
-        .configure_mesh()
-        .light_line_style(BLACK.mix(0.0))
-        .bold_line_style(GRID)
-        .x_desc("x (m)")
-        .y_desc("y (m)")
-        .label_style(label())
-        .axis_desc_style(label())
-        .draw()?;
-    for Curve { name, style, points } in curves(path) {
-        chart
-            .draw_series(LineSeries::new(thinned(points).map(|(_, point)| point), style))?
-            .label(name)
-            .legend(move |(x, y)| PathElement::new([(x, y), (x + 22, y)], style));
+fn draw_plane(area: &Area<'_>, curves: &[Curve<'_>; 2], reach: f64) -> Result<(), DrawingError> {
+    let axes = Axes {
+        x: -reach..reach,
+        y: -reach..reach,
+        names: ["x (m)", "y (m)"],
+        ticks: [5, 5],
+        sides_pt: [34.0, 8.0],
+    };
+    let mut chart = axes.draw(area)?;
+    for Curve { style, points, .. } in curves {
+        chart.draw_series(LineSeries::new(thinned(points).map(|(_, point)| point), *style))?;
     }
-    chart
-        .configure_series_labels()
-        .position(SeriesLabelPosition::UpperRight)
-        .background_style(WHITE)
-        .border_style(FRAME)
-        .label_font(label())
-        .draw()
+    Ok(())
 }
 
 fn draw_coordinate(
     area: &Area<'_>,
-    path: &PeriodPath,
+    curves: &[Curve<'_>; 2],
     reach: f64,
     period_s: f64,
-    name: &str,
+    (x, y): (&str, &str),
     of: impl Fn(&(f64, f64)) -> f64,
 ) -> Result<(), DrawingError> {
-    let step_s = period_s / path.reference_m.len().max(1) as f64;
-    let mut chart = ChartBuilder::on(area)
-        .margin(14)
-        .x_label_area_size(40)
-        .y_label_area_size(48)
-        .build_cartesian_2d(0.0..period_s, -reach..reach)?;
-    chart
-        .configure_mesh()
-        .light_line_style(BLACK.mix(0.0))
-        .bold_line_style(GRID)
-        .x_desc("time within the period (s)")
-        .y_desc(name)
-        .y_labels(5)
-        .label_style(label())
-        .axis_desc_style(label())
-        .draw()?;
-    for Curve { style, points, .. } in curves(path) {
+    let axes = Axes {
+        x: 0.0..period_s,
+        y: -reach..reach,
+        names: [x, y],
+        ticks: [4, 3],
+        sides_pt: [34.0, 8.0],
+    };
+    let mut chart = axes.draw(area)?;
+    for Curve { style, points, .. } in curves {
+        let step_s = period_s / points.len().max(1) as f64;
         let points = thinned(points).map(|(index, point)| (index as f64 * step_s, of(&point)));
-        chart.draw_series(LineSeries::new(points, style))?;
+        chart.draw_series(LineSeries::new(points, *style))?;
     }
     Ok(())
 }

@@ -4,7 +4,7 @@
 //! A single test is a pool of two, so that one result does not depend on the company that it is computed in. The main
 //! type is [`Pool`].
 
-use std::sync::Arc;
+use std::{ops::Range, sync::Arc};
 
 use rayon::prelude::*;
 
@@ -93,11 +93,22 @@ impl Pool {
         procedure: Procedure,
         take: impl Fn(usize, Partners<'_>) -> T + Sync,
     ) -> Vec<T> {
-        let shared = Arc::new(SharedTails::default());
-        (0..self.len())
+        self.pairs_of(0..self.len(), procedure, &Arc::default(), take)
+    }
+
+    /// The part of [`Self::pairs`] whose first samples are `firsts`. Parts of one procedure share the p-values that are
+    /// known.
+    pub fn pairs_of<T: Send>(
+        &self,
+        firsts: Range<usize>,
+        procedure: Procedure,
+        known: &Arc<SharedTails>,
+        take: impl Fn(usize, Partners<'_>) -> T + Sync,
+    ) -> Vec<T> {
+        firsts
             .into_par_iter()
             .map_init(
-                || (Vec::new(), KnownTails::beside(shared.clone())),
+                || (Vec::new(), KnownTails::beside(known.clone())),
                 |(below, tails), a| {
                     let partners = Partners {
                         first: FirstSample::of(self, a, below),

@@ -52,7 +52,7 @@ type Question = (usize, usize, u64);
 
 /// The p-values that some thread has computed or is computing.
 #[derive(Debug, Default)]
-pub(super) struct SharedTails(Mutex<HashMap<Question, Arc<OnceLock<Tail>>>>);
+pub struct SharedTails(Mutex<HashMap<Question, Arc<OnceLock<Tail>>>>);
 
 /// Those that this thread has seen, so that it need not ask the others.
 #[derive(Debug, Default)]

@@ -3,7 +3,7 @@
 
 use std::{collections::HashMap, net::Ipv4Addr};
 
-use workload::virtual_host::VirtualHost;
+use workload::{settings::Messages, virtual_host::VirtualHost};
 
 use super::flow::{Delivery, Flow};
 use crate::packets::{Packet, Segment, Topic};
@@ -51,13 +51,23 @@ fn ends(segment: &Segment<'_>) -> [Ipv4Addr; 2] {
 }
 
 /// What the captures have told so far.
-#[derive(Debug, Default)]
+#[derive(Debug)]
 pub(super) struct Exchange {
+    messages: Messages,
     flows: HashMap<Ports, Flow>,
     sweep_due_unix_ns: i64,
 }
 
 impl Exchange {
+    /// For messages of that form.
+    pub fn of(messages: Messages) -> Self {
+        Self {
+            messages,
+            flows: HashMap::new(),
+            sweep_due_unix_ns: 0,
+        }
+    }
+
     /// A packet in the capture of `host`; the packets of both captures come in the order of their stamps.
     pub fn take(&mut self, host: VirtualHost, packet: &Packet<'_>, out: &mut impl FnMut(Ports, Delivery)) {
         let now_unix_ns = packet.stamp_unix_ns;
@@ -80,7 +90,10 @@ impl Exchange {
             self.end(ports, out);
         }
         if segment.payload_bytes > 0 || segment.opens {
-            let flow = self.flows.entry(ports).or_insert_with(|| Flow::new(ports.topic));
+            let flow = self
+                .flows
+                .entry(ports)
+                .or_insert_with(|| Flow::new(ports.topic, self.messages));
             if host == ports.topic.sender() {
                 flow.sent(&segment, now_unix_ns);
             } else {

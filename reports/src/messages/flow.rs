@@ -18,6 +18,8 @@ use super::{
     frames::{Found, FrameFinder, Label},
     spans::Spans,
 };
+use workload::settings::Messages;
+
 use crate::packets::{Passage, Segment, Topic, count_on};
 
 /// How long after it was acknowledged a message waits for duplicates: longer than a packet can be under way.
@@ -79,9 +81,9 @@ pub(super) struct Flow {
 }
 
 impl Flow {
-    pub fn new(topic: Topic) -> Self {
+    pub fn new(topic: Topic, messages: Messages) -> Self {
         Self {
-            finder: FrameFinder::new(topic),
+            finder: FrameFinder::new(topic, messages),
             near: None,
             opened: None,
             content: Content::default(),

@@ -1,13 +1,13 @@
 //! Finds the experiment's messages in a stream of TCPROS that a capture may have begun, or lost, in the midst of. The
 //! main type is [`FrameFinder`].
 //!
-//! A message is a length of 32 bits and a `std_msgs/Float64MultiArray`, whose own lengths must agree with it. Where the
-//! finder does not know where a message begins, it takes the first place at which one is whole: by chance bytes agree
-//! with each other in four numbers of 32 bits next to never.
+//! A message is a length of 32 bits and a `std_msgs/Float64MultiArray`, whose own lengths must agree with it, or a
+//! `std_msgs/String` of the author's form. Where the finder does not know where a message begins, it takes the first place at
+//! which one is whole: by chance bytes agree with each other in so many places next to never.
 
 use workload::{
     experiment::message::{CommandMessage, StateMessage},
-    ros::float64_multi_array::decode,
+    settings::Messages,
 };
 
 use crate::packets::Topic;
@@ -15,7 +15,7 @@ use crate::packets::Topic;
 /// What a message says of itself.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) struct Label {
-    /// The publisher's number.
+    /// The publisher's number; 0 where messages carry none.
     pub seq: u64,
     /// When the publisher's step began, on the experiment's clock.
     pub stamp_ns: i64,
@@ -38,14 +38,16 @@ const LONGEST: usize = 4096;
 #[derive(Debug)]
 pub(super) struct FrameFinder {
     topic: Topic,
+    messages: Messages,
     /// Whether the next byte is known to begin a frame.
     in_step: bool,
 }
 
 impl FrameFinder {
-    pub fn new(topic: Topic) -> Self {
+    pub fn new(topic: Topic, messages: Messages) -> Self {
         Self {
             topic,
+            messages,
             in_step: false,
         }
     }
@@ -64,7 +66,7 @@ impl FrameFinder {
         while let Some((length, rest)) = bytes.get(at..).and_then(<[u8]>::split_first_chunk::<PREFIX>) {
             let length = u32::from_le_bytes(*length) as usize;
             let frame = rest.get(..length);
-            if let Some(label) = frame.and_then(|frame| label(self.topic, frame)) {
+            if let Some(label) = frame.and_then(|frame| self.label(frame)) {
                 let end = at + PREFIX + length;
                 found(Found {
                     begin: at,
@@ -80,7 +82,7 @@ impl FrameFinder {
                 if self.in_step {
                     return at;
                 }
-                if may_begin(self.topic, rest, length) {
+                if self.may_begin(rest, length) {
                     perhaps.get_or_insert(at);
                 }
             }
@@ -90,40 +92,50 @@ impl FrameFinder {
         }
         perhaps.unwrap_or(at)
     }
-}
 
-fn label(topic: Topic, message: &[u8]) -> Option<Label> {
-    match topic {
-        Topic::State => {
-            let message = StateMessage::from_values(decode(message).ok()?);
-            Some((message.seq, message.stamp_ns))
-        }
-        Topic::Command => {
-            let message = CommandMessage::from_values(decode(message).ok()?);
-            Some((message.seq, message.stamp_ns))
+    fn label(&self, message: &[u8]) -> Option<Label> {
+        let (seq, stamp_ns) = match self.topic {
+            Topic::State => {
+                let state = StateMessage::decode(self.messages, message)?;
+                (state.seq, state.stamp_ns)
+            }
+            Topic::Command => {
+                let command = CommandMessage::decode(self.messages, message)?;
+                (command.seq, command.stamp_ns)
+            }
+        };
+        Some(Label { seq, stamp_ns })
+    }
+
+    /// Whether what there is of a frame can be the beginning of one of ours, so that waiting for the rest is worth it.
+    fn may_begin(&self, rest: &[u8], length: usize) -> bool {
+        let values = match (self.messages, self.topic) {
+            (Messages::Text, _) => return may_begin_text(rest, length),
+            (Messages::Positions, Topic::State) => StateMessage::POSITIONS.len(),
+            (Messages::Rates, Topic::State) => StateMessage::FIELDS.len(),
+            (_, Topic::Command) => CommandMessage::FIELDS.len(),
+        };
+        // Dimensions, offset, count, values; each dimension adds its label's length, size and stride.
+        let least = 12 + 8 * values;
+        match rest.first_chunk::<4>() {
+            Some(dimensions) => u32::from_le_bytes(*dimensions) as usize * 12 + least <= length,
+            None => length >= least,
         }
     }
-    .map(|(seq, stamp_ns)| Label { seq, stamp_ns })
 }
 
-/// Whether what there is of a frame can be the beginning of one of ours, so that waiting for the rest is worth it.
-fn may_begin(topic: Topic, rest: &[u8], length: usize) -> bool {
-    let values = match topic {
-        Topic::State => StateMessage::FIELDS.len(),
-        Topic::Command => CommandMessage::FIELDS.len(),
-    };
-    // Dimensions, offset, count, values; each dimension adds its label's length, size and stride.
-    let least = 12 + 8 * values;
+/// The text's own length is four bytes less than the message's.
+fn may_begin_text(rest: &[u8], length: usize) -> bool {
     match rest.first_chunk::<4>() {
-        Some(dimensions) => u32::from_le_bytes(*dimensions) as usize * 12 + least <= length,
-        None => length >= least,
+        Some(text) => Some(u32::from_le_bytes(*text) as usize) == length.checked_sub(4),
+        None => length > 4,
     }
 }
 
 #[cfg(test)]
 mod tests {
     use proptest::prelude::*;
-    use workload::ros::float64_multi_array::Encoder;
+    use workload::{experiment::message::CommandEncoder, ros::float64_multi_array::Encoder};
 
     use super::*;
 
@@ -140,7 +152,7 @@ mod tests {
 
     /// Hands over the stream in pieces, as acknowledgements would.
     fn search(stream: &[u8], pieces: &[usize]) -> Vec<u64> {
-        let mut finder = FrameFinder::new(Topic::Command);
+        let mut finder = FrameFinder::new(Topic::Command, Messages::Rates);
         let mut found = Vec::new();
         let (mut begin, mut end) = (0, 0);
         for piece in pieces.iter().copied().chain([stream.len()]) {
@@ -158,9 +170,30 @@ mod tests {
     }
 
     #[test]
+    fn texts_are_found_by_their_stamps_wherever_the_capture_begins() {
+        let mut encoder = CommandEncoder::new(Messages::Text);
+        let mut frame = |seq: i64| {
+            let message = encoder.encode(&CommandMessage {
+                stamp_ns: seq * 20_000_000,
+                ..CommandMessage::default()
+            });
+            [&(message.len() as u32).to_le_bytes(), message].concat()
+        };
+        let stream = [frame(1), frame(2), frame(3)].concat();
+        for skipped in 0..stream.len() / 3 {
+            let mut found = Vec::new();
+            let mut finder = FrameFinder::new(Topic::Command, Messages::Text);
+            let done = finder.search(&stream[skipped..], |message| found.push(message.label));
+            let all = [20_000_000, 40_000_000, 60_000_000].map(|stamp_ns| Label { seq: 0, stamp_ns });
+            assert_eq!(found, all[usize::from(skipped > 0)..], "{skipped}");
+            assert_eq!(skipped + done, stream.len());
+        }
+    }
+
+    #[test]
     fn a_stream_that_is_something_else_has_none_and_leaves_little() {
         let text = b"POST /RPC2 HTTP/1.1\r\nHost: h1:11311\r\n\r\n<?xml version=\"1.0\"?>".repeat(200);
-        let mut finder = FrameFinder::new(Topic::State);
+        let mut finder = FrameFinder::new(Topic::State, Messages::Rates);
         let done = finder.search(&text, |found| panic!("{found:?}"));
         assert!(text.len() - done < LONGEST + PREFIX);
     }
@@ -193,7 +226,7 @@ mod tests {
             let messages: Vec<Vec<u8>> = (1..=8).map(command).collect();
             let stream = messages.concat();
             let length = messages[0].len();
-            let mut finder = FrameFinder::new(Topic::Command);
+            let mut finder = FrameFinder::new(Topic::Command, Messages::Rates);
             let mut found = Vec::new();
             finder.search(&stream[..length], |message| found.push(message.label.seq));
             finder.lose_step();
@@ -204,7 +237,7 @@ mod tests {
 
         #[test]
         fn no_bytes_make_it_panic(bytes: Vec<u8>) {
-            prop_assert!(FrameFinder::new(Topic::State).search(&bytes, |_| ()) <= bytes.len());
+            prop_assert!(FrameFinder::new(Topic::State, Messages::Rates).search(&bytes, |_| ()) <= bytes.len());
         }
     }
 }

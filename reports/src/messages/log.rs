@@ -7,6 +7,7 @@ use std::{
 };
 
 use csv::ByteRecord;
+use workload::{experiment::message::stamp_in_text, settings::Messages};
 
 use super::frames::Label;
 use crate::{
@@ -18,6 +19,8 @@ use crate::{
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) struct Logged {
     pub label: Label,
+    /// As the log counts it.
+    pub number: u64,
     /// When the receiver's application had it, on the experiment's clock; only the controller writes that down.
     pub received_ns: Option<i64>,
 }
@@ -26,9 +29,10 @@ pub(super) struct Logged {
 #[derive(Debug)]
 pub(super) struct LoggedMessages {
     topic: Topic,
+    messages: Messages,
     paths: std::vec::IntoIter<PathBuf>,
     open: Option<OpenLog>,
-    last_state: Label,
+    last_state: u64,
 }
 
 #[derive(Debug)]
@@ -43,12 +47,13 @@ struct OpenLog {
 
 impl LoggedMessages {
     /// Of these logs.
-    pub fn new(topic: Topic, paths: Vec<PathBuf>) -> Self {
+    pub fn new(topic: Topic, messages: Messages, paths: Vec<PathBuf>) -> Self {
         Self {
             topic,
+            messages,
             paths: paths.into_iter(),
             open: None,
-            last_state: Label { seq: 0, stamp_ns: 0 },
+            last_state: 0,
         }
     }
 
@@ -69,13 +74,13 @@ impl LoggedMessages {
                 self.open = None;
                 continue;
             };
-            let logged = logged(self.topic, numbers);
+            let logged = logged(self.topic, self.messages, numbers);
             match self.topic {
                 Topic::Command => return Ok(Some(logged)),
                 // Number 0 is no state; one that was seen before was used again.
-                Topic::State if logged.label.seq == 0 || logged.label == self.last_state => {}
+                Topic::State if logged.number == 0 || logged.number == self.last_state => {}
                 Topic::State => {
-                    self.last_state = logged.label;
+                    self.last_state = logged.number;
                     return Ok(Some(logged));
                 }
             }
@@ -91,24 +96,26 @@ const fn columns(topic: Topic) -> [&'static str; 3] {
     }
 }
 
-fn logged(topic: Topic, [number, stamp_ns, received_ns]: [i64; 3]) -> Logged {
-    let number = number.unsigned_abs();
-    match topic {
-        Topic::State => Logged {
-            label: Label {
-                seq: number,
-                stamp_ns,
-            },
-            received_ns: Some(received_ns),
-        },
+fn logged(topic: Topic, messages: Messages, [number, stamp_ns, received_ns]: [i64; 3]) -> Logged {
+    let (number, received_ns) = match topic {
+        Topic::State => (number.unsigned_abs(), Some(received_ns)),
         // Commands count from 1, steps from 0.
-        Topic::Command => Logged {
-            label: Label {
-                seq: number + 1,
-                stamp_ns,
-            },
-            received_ns: None,
+        Topic::Command => (number.unsigned_abs() + 1, None),
+    };
+    let label = match messages {
+        Messages::Text => Label {
+            seq: 0,
+            stamp_ns: stamp_in_text(stamp_ns),
         },
+        Messages::Positions | Messages::Rates => Label {
+            seq: number,
+            stamp_ns,
+        },
+    };
+    Logged {
+        label,
+        number,
+        received_ns,
     }
 }
 
@@ -198,9 +205,12 @@ mod tests {
     }
 
     fn all(topic: Topic, paths: Vec<PathBuf>) -> Result<Vec<(u64, i64, Option<i64>)>, ReadError> {
-        let mut messages = LoggedMessages::new(topic, paths);
+        let mut messages = LoggedMessages::new(topic, Messages::Rates, paths);
         let mut found = Vec::new();
-        while let Some(Logged { label, received_ns }) = messages.next()? {
+        while let Some(Logged {
+            label, received_ns, ..
+        }) = messages.next()?
+        {
             found.push((label.seq, label.stamp_ns, received_ns));
         }
         Ok(found)

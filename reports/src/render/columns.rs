@@ -7,13 +7,13 @@ use polars::{
     df,
     error::PolarsResult,
     frame::DataFrame,
-    prelude::{CsvWriter, ParquetCompression, ParquetWriter, SerWriter},
+    prelude::{CsvWriter, IntoColumn, NamedFrom, ParquetCompression, ParquetWriter, SerWriter, Series},
 };
 
 use crate::{
-    comparison::Comparison,
     contrast::Contrast,
     effect::{Effect, Estimate},
+    frames,
     packets::Topic,
     report::Report,
     traffic::PeriodTraffic,
@@ -22,49 +22,61 @@ use crate::{
 /// The rows of a table in order, at least one piece, all with the same columns.
 pub(crate) type Pieces<'a> = Box<dyn Iterator<Item = PolarsResult<DataFrame>> + 'a>;
 
+/// The columns of the comparisons, in the order of the file.
+const COMPARISONS: [&str; 32] = [
+    "a",
+    "a_slug",
+    "a_window",
+    "b",
+    "b_slug",
+    "b_window",
+    "n",
+    "m",
+    "d",
+    "h",
+    "lcm",
+    "p",
+    "log10_p",
+    "signed_d",
+    "at_m",
+    "method",
+    "alpha",
+    "rejected",
+    "unlike",
+    "same_scenario",
+    "a_hardware",
+    "b_hardware",
+    "a_os",
+    "b_os",
+    "a_virtualization",
+    "b_virtualization",
+    "a_platform",
+    "b_platform",
+    "a_is_control",
+    "b_is_control",
+    "a_paper",
+    "b_paper",
+];
+
 /// Comparisons in a piece, and in a row group of Parquet.
 const PIECE: usize = 16_384;
 
-/// One row a comparison.
+/// The frame of the comparisons, with what there is of their scenarios.
 pub(crate) fn comparisons(report: &Report) -> Pieces<'_> {
-    let (first, rest) = report.comparisons.split_at(report.comparisons.len().min(PIECE));
-    let pieces = iter::once(first).chain(rest.chunks(PIECE));
-    Box::new(pieces.map(|piece| some_comparisons(report, piece)))
+    let frame = report.comparisons.frame();
+    let pieces = frame.height().div_ceil(PIECE).max(1);
+    let piece = move |nth: usize| {
+        let mut piece = frame.slice((nth * PIECE) as i64, PIECE);
+        let alpha = vec![report.settings.alpha; piece.height()];
+        piece.with_column(Series::new("alpha".into(), alpha).into_column())?;
+        frames::with_scenarios(report, &piece, &frames::scenarios(report)?)?.select(COMPARISONS)
+    };
+    Box::new((0..pieces).map(piece))
 }
 
-fn some_comparisons(report: &Report, piece: &[Comparison]) -> PolarsResult<DataFrame> {
-    fn column<'a, T>(piece: &'a [Comparison], of: impl Fn(&'a Comparison) -> T) -> Vec<T> {
-        piece.iter().map(of).collect()
-    }
-    let slug = |id: &str| {
-        report
-            .scenarios
-            .iter()
-            .find(|scenario| scenario.id == id)
-            .map(|scenario| scenario.slug.clone())
-    };
-    let unlike = |a: &str, b: &str| unlike(report, a, b);
-    df![
-        "a" => column(piece, |c| &*c.a),
-        "a_slug" => column(piece, |c| slug(&c.a)),
-        "a_window" => column(piece, |c| c.a_window),
-        "b" => column(piece, |c| &*c.b),
-        "b_slug" => column(piece, |c| slug(&c.b)),
-        "b_window" => column(piece, |c| c.b_window),
-        "n" => column(piece, |c| c.test.n as u64),
-        "m" => column(piece, |c| c.test.m as u64),
-        "d" => column(piece, |c| c.test.d),
-        "h" => column(piece, |c| c.test.h),
-        "lcm" => column(piece, |c| c.test.lcm),
-        "p" => column(piece, |c| c.test.p),
-        "log10_p" => column(piece, |c| c.test.log10_p),
-        "signed_d" => column(piece, |c| c.test.signed_d().0),
-        "at_m" => column(piece, |c| c.test.signed_d().1),
-        "method" => column(piece, |c| c.test.method.name()),
-        "alpha" => column(piece, |_| report.settings.alpha),
-        "rejected" => column(piece, |c| c.rejected),
-        "unlike" => column(piece, |c| unlike(&c.a, &c.b)),
-    ]
+/// One row a scenario of the plan.
+pub(crate) fn scenarios(report: &Report) -> Pieces<'_> {
+    Box::new(iter::once_with(|| frames::scenarios(report)))
 }
 
 /// One row a pair of the family.

@@ -2,7 +2,7 @@
 //! phone and on paper. The main function is [`render`].
 //!
 //! ```text
-//! verdict -> remarks -> matrix -> heatmap -> tables -> pairs -> windows -> trajectories -> packets -> environments -> methods
+//! verdict -> remarks -> matrix -> heatmap -> tables -> pairs -> windows -> trajectories -> experiment -> packets -> environments -> methods
 //! ```
 //!
 //! Colours are named in `style.css`, so that drawings follow light and dark; nothing is said by colour alone. What a browser
@@ -11,13 +11,17 @@
 mod heatmap;
 mod matrix;
 mod packets;
-mod pair;
 mod plot;
 mod windows;
 
 use maud::{DOCTYPE, Markup, PreEscaped, html};
 
-use crate::{figure::Figure, report::Report, run_directory::EnvironmentRecord, table::Table};
+use crate::{
+    figure::{Figure, Kind},
+    report::Report,
+    run_directory::EnvironmentRecord,
+    table::Table,
+};
 
 const STYLE: &str = include_str!("html/style.css");
 const SORT: &str = include_str!("html/sort.js");
@@ -43,6 +47,7 @@ pub(super) fn render(report: &Report, figures: &[Figure]) -> String {
                     @if !report.remarks.is_empty() {
                         ul #remarks { @for remark in &report.remarks { li { (prose(remark)) } } }
                     }
+                    ul #origins { @for origin in report.origins() { li { (origin) } } }
                 }
                 (contents())
                 main {
@@ -52,9 +57,10 @@ pub(super) fn render(report: &Report, figures: &[Figure]) -> String {
                         h2 { "Tables" }
                         @for (number, table) in report.tables.iter().enumerate() { (drawn(table, number)) }
                     }
-                    (section("pairs", "Pairs", &pair::draw(report)))
+                    (section("pairs", "Pairs", &pairs(figures)))
                     (section("windows", "Windows", &windows::draw(report)))
-                    (section("trajectories", "Trajectories", &trajectories(figures)))
+                    (section("trajectories", "Trajectories", &drawings(figures, &[Kind::Trajectory], "No window has a whole period.")))
+                    (section("experiment", "The experiment", &drawings(figures, EXPERIMENT, "Nothing was measured.")))
                     (section("packets", "Packets", &packets::draw(report)))
                     (section("environments", "Environments", &environments(report)))
                     (section("methods", "Methods", &methods(report)))
@@ -66,13 +72,14 @@ pub(super) fn render(report: &Report, figures: &[Figure]) -> String {
     page.into_string()
 }
 
-const SECTIONS: [(&str, &str); 9] = [
+const SECTIONS: [(&str, &str); 10] = [
     ("matrix", "Matrix"),
     ("heatmap", "Comparisons"),
     ("tables", "Tables"),
     ("pairs", "Pairs"),
     ("windows", "Windows"),
     ("trajectories", "Trajectories"),
+    ("experiment", "Experiment"),
     ("packets", "Packets"),
     ("environments", "Environments"),
     ("methods", "Methods"),
@@ -123,19 +130,36 @@ fn prose(text: &str) -> Markup {
     }
 }
 
-/// Drawings for paper. On a narrow screen they keep a size at which they can be read, and are moved.
-fn trajectories(figures: &[Figure]) -> Markup {
-    let mut trajectories = figures
-        .iter()
-        .filter(|figure| figure.name.starts_with("trajectory-"))
-        .peekable();
+/// What the experiment and its test are.
+const EXPERIMENT: &[Kind] = &[Kind::ControlLoop, Kind::Topology, Kind::KsTest];
+
+fn pairs(figures: &[Figure]) -> Markup {
     html! {
-        @if trajectories.peek().is_none() { p { "No window has a whole period." } }
-        @for figure in trajectories {
-            @let about = format!("Target and actual position, {}", figure.name);
-            figure .wide tabindex="0" role="region" aria-label=(about) {
-                // Of our own making, by a library that escapes texts.
-                div .paper role="img" aria-label=(about) { (PreEscaped(&figure.svg)) }
+        p {
+            "One window of each of two scenarios. " code { "report.figures" } " of the matrix file and "
+            code { "matrix report --figures" } " name pairs and windows."
+        }
+        (drawings(figures, &[Kind::Histogram, Kind::Distributions], "No pair of scenarios has data."))
+    }
+}
+
+/// Drawings for paper. On a narrow screen they keep a size at which they can be read, and are moved.
+fn drawings(figures: &[Figure], kinds: &[Kind], none: &str) -> Markup {
+    let figures: Vec<&Figure> = figures
+        .iter()
+        .filter(|figure| kinds.contains(&figure.kind))
+        .collect();
+    html! {
+        @if figures.is_empty() { p { (none) } }
+        div .pairs {
+            @for figure in figures {
+                figure {
+                    div .wide tabindex="0" role="region" aria-label=(figure.stem()) {
+                        // Of our own making, by a library that escapes texts.
+                        div .paper role="img" aria-label=(figure.caption) { (PreEscaped(&figure.svg)) }
+                    }
+                    figcaption { (prose(&figure.caption)) }
+                }
             }
         }
     }

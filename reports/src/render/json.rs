@@ -5,10 +5,12 @@ use serde_json::{Value, json};
 
 use crate::{
     comparison::{Comparison, Tally},
+    conclusion::Conclusion,
     contrast::Contrast,
     effect::{Effect, Estimate},
     health::Health,
     report::{Report, ScenarioReport, Standing},
+    run::RunPart,
     traffic::{DirectionTraffic, Explanation, Factor, ScenarioTraffic, Spread, TrafficTally},
     within::WithinWindows,
 };
@@ -46,7 +48,7 @@ struct Comparisons<'a>(&'a Report);
 
 impl Serialize for Comparisons<'_> {
     fn serialize<S: Serializer>(&self, serializer: S) -> Result<S::Ok, S::Error> {
-        serializer.collect_seq(self.0.comparisons.iter().map(|one| comparison(self.0, one)))
+        serializer.collect_seq(self.0.comparisons.rows().map(|one| comparison(self.0, &one)))
     }
 }
 
@@ -62,6 +64,7 @@ fn fields(report: &Report) -> Value {
     json!({
         "run": report.run,
         "created": report.created,
+        "runs": report.parts.iter().map(part).collect::<Vec<_>>(),
         "simulated": report.is_simulated(),
         "alpha": settings.alpha,
         "method": settings.method,
@@ -96,9 +99,20 @@ fn fields(report: &Report) -> Value {
             .collect::<Vec<_>>(),
         "family": family(report),
         "contrasts": report.contrasts.pairs.iter().map(|pair| contrast(report, pair)).collect::<Vec<_>>(),
+        "conclusions": report.conclusions.iter().map(conclusion).collect::<Vec<_>>(),
         "packets": report.traffic.scenarios.iter().map(packets).collect::<Vec<_>>(),
         "packet_counts": report.traffic_tallies.iter().flat_map(packet_counts).collect::<Vec<_>>(),
         "packet_explanations": report.explanations.iter().map(explanation).collect::<Vec<_>>(),
+    })
+}
+
+fn part(part: &RunPart) -> Value {
+    json!({
+        "run": part.run,
+        "created": part.created,
+        "matrix_version": part.matrix_version,
+        "matrix_revision": part.matrix_revision,
+        "scenarios": part.scenarios,
     })
 }
 
@@ -120,6 +134,8 @@ fn scenario(scenario: &ScenarioReport) -> Value {
         "slug": scenario.slug,
         "axes": scenario.axes,
         "is_control": scenario.is_control,
+        "dynamics": scenario.dynamics,
+        "overridden": scenario.overridden,
         "simulated": scenario.is_simulated,
         "outcome": scenario.standing.name().replace(' ', "-"),
         "reason": scenario.reason,
@@ -163,6 +179,7 @@ fn health(health: &Health) -> Value {
         "cpu_share": health.cpu_share,
         "late_share": health.late_share,
         "missed_deadlines": health.missed_deadlines,
+        "lost_ticks": health.lost_ticks,
         "stale_share": health.stale_share,
         "state_age_s": health.state_age_s,
         "worst_lateness_ns": health.worst_lateness_ns,
@@ -175,26 +192,25 @@ fn unmeasured(scenario: &ScenarioReport) -> Value {
     json!({"id": scenario.id, "slug": scenario.slug, "reason": scenario.reason, "hint": scenario.hint})
 }
 
-fn comparison(report: &Report, comparison: &Comparison) -> Value {
+fn comparison(report: &Report, comparison: &Comparison<'_>) -> Value {
     let test = &comparison.test;
-    let (signed_d, at) = test.signed_d();
     json!({
-        "a": &*comparison.a,
+        "a": comparison.a,
         "a_window": comparison.a_window,
-        "b": &*comparison.b,
+        "b": comparison.b,
         "b_window": comparison.b_window,
         "n": test.n,
         "m": test.m,
         "d": test.d,
-        "signed_d": signed_d,
-        "at_m": at,
+        "signed_d": test.signed_d,
+        "at_m": test.at,
         "h": test.h,
         "lcm": test.lcm,
         "p": test.p,
         "log10_p": test.log10_p,
         "method": test.method.name(),
         "rejected": comparison.rejected,
-        "unlike": report.unlike(&comparison.a, &comparison.b),
+        "unlike": report.unlike(comparison.a, comparison.b),
     })
 }
 
@@ -245,6 +261,22 @@ fn contrast(report: &Report, pair: &Contrast) -> Value {
         "unlike": report.unlike(&pair.a, &pair.b),
         "effect": effect(&pair.effect),
         "differences": differences.collect::<Vec<_>>(),
+    })
+}
+
+fn conclusion(one: &Conclusion) -> Value {
+    json!({
+        "axis": one.axis,
+        "first": one.first,
+        "second": one.second,
+        "hardware_differs": one.hardware_differs,
+        "strata": one.strata,
+        "p": one.test.p,
+        "p_holm": one.p_holm,
+        "smallest_p": one.smallest_p,
+        "labellings": one.test.labellings,
+        "method": one.test.coverage.name(),
+        "shift_m": estimate(&one.shift_m),
     })
 }
 

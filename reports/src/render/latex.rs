@@ -1,11 +1,20 @@
-//! LaTeX: plain `tabular`, no package that a minimal installation lacks. `tables.tex` compiles by itself, and each of its
-//! tables stands in a file of its own, for `\input` in a paper. The main type is [`LatexTable`].
+//! LaTeX: `tabular` with the rules of booktabs, in the largest size in which a table fits the column that it stands in.
+//! `tables.tex` compiles by itself, and each of its tables stands in a file of its own, for `\input` in a paper. The main type
+//! is [`LatexTable`].
 
 use crate::{report::Report, table::Table};
 
 /// Latin Modern, where it is installed, has outlines of what Computer Modern has only bitmaps of in T1.
 const PREAMBLE: &str = "\\documentclass{article}\n\\usepackage[T1]{fontenc}\n\\usepackage[utf8]{inputenc}\n\
-    \\IfFileExists{lmodern.sty}{\\usepackage{lmodern}}{}\n\\usepackage[a4paper,margin=2cm]{geometry}\n\\begin{document}\n";
+    \\IfFileExists{lmodern.sty}{\\usepackage{lmodern}}{}\n\\usepackage[a4paper,margin=2cm]{geometry}\n\\usepackage{booktabs,graphicx}\n";
+
+/// What the tables use besides booktabs and graphicx; a document that has a command of that name keeps it. A table is scaled
+/// only if it does not fit the column in the smallest size.
+const COMMANDS: &str = "\\providecommand{\\lvert}{\\mathopen|}\\providecommand{\\rvert}{\\mathclose|}\n\
+    \\providecommand{\\matrixfit}[1]{\\small\\setlength{\\tabcolsep}{4pt}\\sbox0{#1}%\n\
+    \\ifdim\\wd0>\\linewidth\\footnotesize\\setlength{\\tabcolsep}{3pt}\\sbox0{#1}\\fi\n\
+    \\ifdim\\wd0>\\linewidth\\scriptsize\\setlength{\\tabcolsep}{2pt}\\sbox0{#1}\\fi\n\
+    \\ifdim\\wd0>\\linewidth\\resizebox{\\linewidth}{!}{\\usebox0}\\else\\usebox0\\fi}\n";
 
 /// Rows that a page has room for beside the notes; a longer table goes on in another one.
 const ROWS_A_PAGE: usize = 36;
@@ -17,6 +26,17 @@ pub struct LatexTable {
     pub name: String,
     /// The floats.
     pub text: String,
+}
+
+impl LatexTable {
+    /// What its file holds: the commands it uses, and the floats.
+    #[must_use]
+    pub fn file(&self) -> String {
+        format!(
+            "% Needs \\usepackage{{booktabs,graphicx}}.\n{COMMANDS}{}",
+            self.text
+        )
+    }
 }
 
 /// Every table of the report.
@@ -43,8 +63,13 @@ pub(super) fn render(report: &Report) -> String {
         in_comment(&report.run)
     );
     text.push_str(PREAMBLE);
+    text.push_str(COMMANDS);
+    text.push_str("\\begin{document}\n");
     for remark in &report.remarks {
         text.push_str(&format!("\n\\noindent\\textbf{{{}}}\\par\n", prose(remark)));
+    }
+    for origin in report.origins() {
+        text.push_str(&format!("\n\\noindent {}\\par\n", prose(&origin)));
     }
     for table in tables(report) {
         text.push('\n');
@@ -85,7 +110,7 @@ fn floats(report: &Report, table: &Table, name: &str) -> String {
     let title = prose(without_number(&table.title));
     let run = escaped(&report.run);
     // The paper's tables say in their captions what was tested, and how.
-    let caption = match is_numbered(&table.title) {
+    let caption = match table.has_counts() {
         true => format!("{title}. Run {run}. {}", prose(&report.method())),
         false => format!("{title}. Run {run}."),
     };
@@ -101,14 +126,15 @@ fn floats(report: &Report, table: &Table, name: &str) -> String {
             _ => format!("\\caption[]{{{title}, continued.}}\n"),
         });
         if !rows.is_empty() {
-            text.push_str("\\small\\setlength{\\tabcolsep}{4pt}\n");
-            text.push_str(&format!("\\begin{{tabular}}{{{alignment}}}\n\\hline\n"));
+            text.push_str(&format!(
+                "\\matrixfit{{\\begin{{tabular}}{{@{{}}{alignment}@{{}}}}\n\\toprule\n"
+            ));
             text.push_str(&line(table.columns.iter().map(|column| column.heading.as_str())));
-            text.push_str("\\hline\n");
+            text.push_str("\\midrule\n");
             for row in *rows {
                 text.push_str(&line(row.iter().map(String::as_str)));
             }
-            text.push_str("\\hline\n\\end{tabular}\n");
+            text.push_str("\\bottomrule\n\\end{tabular}}\n");
         }
         if part + 1 == parts.len() && !table.notes.is_empty() {
             text.push_str("\\par\\smallskip\n\\begin{minipage}{\\linewidth}\\footnotesize\\raggedright\n");
@@ -123,10 +149,6 @@ fn floats(report: &Report, table: &Table, name: &str) -> String {
         }
     }
     text
-}
-
-fn is_numbered(title: &str) -> bool {
-    without_number(title) != title
 }
 
 /// LaTeX numbers tables itself.
@@ -152,7 +174,7 @@ fn line<'a>(cells: impl Iterator<Item = &'a str>) -> String {
 }
 
 /// A text whose names of files and settings stand between backticks, as in Markdown.
-fn prose(text: &str) -> String {
+pub(crate) fn prose(text: &str) -> String {
     let parts = text.split('`').enumerate();
     let parts = parts.map(|(index, part)| match index % 2 {
         0 => escaped(part),
@@ -162,29 +184,101 @@ fn prose(text: &str) -> String {
     parts.collect()
 }
 
-/// Text that LaTeX sets as it stands here.
+/// Text that LaTeX sets as it stands here, and formulas as formulas.
 fn escaped(text: &str) -> String {
     let mut escaped = String::with_capacity(text.len());
-    for character in text.chars() {
-        match character {
-            '\\' => escaped.push_str("\\textbackslash{}"),
-            '~' => escaped.push_str("\\textasciitilde{}"),
-            '^' => escaped.push_str("\\textasciicircum{}"),
-            // In the font encoding that LaTeX begins with these are other characters.
-            '<' | '>' | '|' => escaped.extend(['$', character, '$']),
-            '&' | '%' | '$' | '#' | '_' | '{' | '}' => escaped.extend(['\\', character]),
-            'α' => escaped.push_str("$\\alpha$"),
-            '×' => escaped.push_str("$\\times$"),
-            '≥' => escaped.push_str("$\\geq$"),
-            '…' => escaped.push_str("\\ldots{}"),
-            '–' => escaped.push_str("--"),
-            character if character.is_control() => escaped.push(' '),
-            // What pdfTeX sets without further packages: Latin letters with their accents.
-            character if (character as u32) < 0x180 => escaped.push(character),
-            other => escaped.push_str(&format!("(U+{:04X})", other as u32)),
-        }
+    let mut rest = text;
+    let mut before = ' ';
+    while let Some(character) = rest.chars().next() {
+        let length = match formula(rest, before) {
+            Some((length, formula)) => {
+                escaped.push_str(&format!("${formula}$"));
+                length
+            }
+            None => {
+                push_escaped(&mut escaped, character);
+                character.len_utf8()
+            }
+        };
+        let (taken, after) = rest.split_at(length);
+        before = taken.chars().next_back().unwrap_or(before);
+        rest = after;
     }
     escaped
+}
+
+fn push_escaped(escaped: &mut String, character: char) {
+    match character {
+        '\\' => escaped.push_str("\\textbackslash{}"),
+        '~' => escaped.push_str("\\textasciitilde{}"),
+        '^' => escaped.push_str("\\textasciicircum{}"),
+        // In the font encoding that LaTeX begins with these are other characters.
+        '<' | '>' | '|' => escaped.extend(['$', character, '$']),
+        '&' | '%' | '$' | '#' | '_' | '{' | '}' => escaped.extend(['\\', character]),
+        'α' => escaped.push_str("$\\alpha$"),
+        '×' => escaped.push_str("$\\times$"),
+        '≥' => escaped.push_str("$\\geq$"),
+        '…' => escaped.push_str("\\ldots{}"),
+        '–' => escaped.push_str("--"),
+        character if character.is_control() => escaped.push(' '),
+        // What pdfTeX sets without further packages: Latin letters with their accents.
+        character if (character as u32) < 0x180 => escaped.push(character),
+        other => escaped.push_str(&format!("(U+{:04X})", other as u32)),
+    }
+}
+
+/// A formula that a text begins with, in math mode, and how many bytes of the text it is: `|e_x|`, `p < 0.001`, `N`, and numbers
+/// with a sign or an exponent. `before` is the character before, since these may be parts of a word.
+fn formula(text: &str, before: char) -> Option<(usize, String)> {
+    if let Some((name, _)) = text.strip_prefix('|').and_then(|rest| rest.split_once('|')) {
+        return matches!(name, "e_x" | "e_y").then(|| (name.len() + 2, format!("\\lvert {name}\\rvert")));
+    }
+    let ends = |length: usize| {
+        let after = text[length..].chars().next();
+        !after.is_some_and(|it| it.is_alphanumeric() || it == '_' || it == '-')
+    };
+    if before.is_alphanumeric() || "_-./".contains(before) {
+        return None;
+    }
+    if text.starts_with('N') && ends(1) {
+        return Some((1, "N".to_owned()));
+    }
+    if let Some(rest) = text.strip_prefix("p < ") {
+        let (length, limit) = number(rest)?;
+        return Some((length + 4, format!("p < {limit}")));
+    }
+    let (length, in_math) = number(text)?;
+    let is_plain = text.starts_with(|it: char| it.is_ascii_digit()) && in_math.len() == length;
+    (!is_plain && ends(length)).then_some((length, in_math))
+}
+
+/// A number that a text begins with, its bytes and how it is set.
+fn number(text: &str) -> Option<(usize, String)> {
+    let digits = |text: &str| text.len() - text.trim_start_matches(|it: char| it.is_ascii_digit()).len();
+    let sign = usize::from(text.starts_with(['+', '-']));
+    let whole = digits(&text[sign..]);
+    let mut length = sign + whole;
+    if let Some(rest) = text[length..].strip_prefix('.')
+        && digits(rest) > 0
+    {
+        length += 1 + digits(rest);
+    }
+    let mantissa = text[..length].to_owned();
+    if whole == 0 {
+        return None;
+    }
+    let Some(rest) = text[length..].strip_prefix('e') else {
+        return Some((length, mantissa));
+    };
+    let sign = usize::from(rest.starts_with('-'));
+    match digits(&rest[sign..]) {
+        0 => Some((length, mantissa)),
+        exponent => {
+            let exponent = &rest[..sign + exponent];
+            let set = format!("{mantissa}\\times10^{{{exponent}}}");
+            Some((length + 1 + exponent.len(), set))
+        }
+    }
 }
 
 fn in_comment(text: &str) -> String {
@@ -200,7 +294,15 @@ mod tests {
     use super::*;
 
     #[rstest]
-    #[case("p < 0.1", "p $<$ 0.1")]
+    #[case("p < 0.1, or a < b", "$p < 0.1$, or a $<$ b")]
+    #[case(
+        "mean |e_x| + mean |e_y|",
+        "mean $\\lvert e_x\\rvert$ + mean $\\lvert e_y\\rvert$"
+    )]
+    #[case("-0.41 [-4.54, +59.9]", "$-0.41$ [$-4.54$, $+59.9$]")]
+    #[case("1.0e-4 of N", "$1.0\\times10^{-4}$ of $N$")]
+    #[case("2026-11-21 on i686-e5 of 119", "2026-11-21 on i686-e5 of 119")]
+    #[case("|e_z| 3e NN", "$|$e\\_z$|$ 3e NN")]
     #[case("i686_ubuntu & 100 %", "i686\\_ubuntu \\& 100 \\%")]
     #[case(
         "a\\b{c}~^$#",
@@ -222,7 +324,7 @@ mod tests {
     #[test]
     fn a_tables_file_is_called_as_its_title_is() {
         assert_eq!(
-            slug(without_number("Table 3. Rejections of a (continued)")),
+            slug(without_number("Table V (a). Rejections of a (continued)")),
             "rejections-of-a-continued"
         );
     }

@@ -16,6 +16,12 @@ pub(super) fn render(report: &Report) -> String {
     for remark in &report.remarks {
         block(&mut text, &wrapped(&format!("**{}**", plain(remark)), "> ", "> "));
     }
+    let origins: Vec<String> = report
+        .origins()
+        .iter()
+        .map(|origin| wrapped(&plain(origin), "- ", "  "))
+        .collect();
+    block(&mut text, &origins.join("\n"));
     block(&mut text, &wrapped(&plain(&report.method()), "", ""));
     for table in &report.tables {
         render_table(&mut text, table);

@@ -45,6 +45,34 @@ pub struct PeriodError {
     pub mean_square_m2: f64,
 }
 
+impl PeriodError {
+    /// That of a period's control steps, of which there is one or more: errors `[x, y]` in metres.
+    #[must_use]
+    pub fn mean(errors_m: impl Iterator<Item = [f64; 2]>) -> Self {
+        let mut sums = Self::default();
+        let steps = errors_m.map(|error_m| sums.add(error_m)).count();
+        sums.over(steps as f64)
+    }
+
+    fn add(&mut self, [error_x, error_y]: [f64; 2]) {
+        self.mean_abs_x_m += error_x.abs();
+        self.mean_abs_y_m += error_y.abs();
+        let square = error_x * error_x + error_y * error_y;
+        // Not `hypot`: the squares of what is nearer than `FAR_M` are finite.
+        self.mean_distance_m += square.sqrt();
+        self.mean_square_m2 += square;
+    }
+
+    fn over(self, steps: f64) -> Self {
+        Self {
+            mean_abs_x_m: self.mean_abs_x_m / steps,
+            mean_abs_y_m: self.mean_abs_y_m / steps,
+            mean_distance_m: self.mean_distance_m / steps,
+            mean_square_m2: self.mean_square_m2 / steps,
+        }
+    }
+}
+
 /// Target and actual position, one point a control step.
 #[derive(Debug, Clone, Default, PartialEq)]
 pub struct PeriodPath {
@@ -57,8 +85,12 @@ pub struct PeriodPath {
 /// What a log must be.
 #[derive(Debug, Clone, Copy)]
 pub struct Expected<'a> {
-    /// Control steps in it.
+    /// Control steps of its window.
     pub steps: u64,
+    /// Of these, those that were lost and are not in it.
+    pub lost: u64,
+    /// The window's first step, in it or not; as the log has it, if it is not known.
+    pub first_step: Option<u64>,
     /// Control steps in a period; not 0.
     pub steps_per_period: u64,
     /// Its length and checksum.
@@ -134,6 +166,12 @@ pub enum Fault {
         /// The step that is there.
         found: u64,
     },
+    /// A period of which there is no step, and so no mean error.
+    #[error("period {period} has no control step, so there is no error to average")]
+    EmptyPeriod {
+        /// From 1, in the window.
+        period: usize,
+    },
     /// More or fewer steps than the window has.
     #[error("it has {found} control steps, and its window has {expected}")]
     WrongLength {
@@ -191,26 +229,33 @@ fn parse(file: &mut Hashing<File>, expected: Expected<'_>) -> Result<(ControlTra
     let header = lines.next().map_err(unreadable)?.unwrap_or_default();
     let columns = Columns::of(header)?;
     let mut digest = Digesting::new(expected);
-    let mut next_step = None;
+    let mut next_step = expected.first_step;
+    let mut lost = expected.lost;
     let mut line = 1;
     while let Some(record) = lines.next().map_err(unreadable)? {
         line += 1;
         let row = columns.row(record, line)?;
         let due = next_step.unwrap_or(row.step);
-        if row.step != due {
+        let skipped = row.step.checked_sub(due);
+        let Some(left) = skipped.and_then(|skipped| lost.checked_sub(skipped)) else {
             return Err(Fault::NotContiguous {
                 line,
                 expected: due,
                 found: row.step,
             });
-        }
+        };
+        let lost_before = lost - left;
+        lost = left;
         next_step = row.step.checked_add(1);
+        digest.skip(lost_before)?;
         digest.take(&row);
     }
+    // What was lost at the end of a window shows in no row of it.
+    digest.skip(lost)?;
     if digest.steps != expected.steps {
         return Err(Fault::WrongLength {
-            expected: expected.steps,
-            found: digest.steps,
+            expected: expected.steps.saturating_sub(expected.lost),
+            found: digest.rows,
         });
     }
     Ok((digest.finish(), line))
@@ -362,7 +407,12 @@ fn shown(field: &[u8]) -> String {
 /// The sums of the period under way, and what is finished.
 struct Digesting {
     steps_per_period: u64,
+    /// Steps so far, lost ones too, and rows, which are those that were done.
     steps: u64,
+    rows: u64,
+    /// Rows of the period under way, and of the slice.
+    period_rows: u64,
+    slice_rows: u64,
     /// Steps after which the period under way ends, and the slice; there are no slices if it never does.
     period_ends: u64,
     slice_ends: Option<u64>,
@@ -383,6 +433,9 @@ impl Digesting {
         Self {
             steps_per_period: expected.steps_per_period,
             steps: 0,
+            rows: 0,
+            period_rows: 0,
+            slice_rows: 0,
             period_ends: expected.steps_per_period,
             slice_ends: has_slices.then_some(steps_per_slice),
             keep_path_from: periods.saturating_sub(1) * expected.steps_per_period,
@@ -399,12 +452,7 @@ impl Digesting {
         let error_x = row.reference_m.0 - row.received_m.0;
         let error_y = row.reference_m.1 - row.received_m.1;
         self.slice_m += error_x.abs() + error_y.abs();
-        self.sums.mean_abs_x_m += error_x.abs();
-        self.sums.mean_abs_y_m += error_y.abs();
-        let square = error_x * error_x + error_y * error_y;
-        // Not `hypot`: the squares of what is nearer than `FAR_M` are finite.
-        self.sums.mean_distance_m += square.sqrt();
-        self.sums.mean_square_m2 += square;
+        self.sums.add([error_x, error_y]);
         if row.state_seq > 0 {
             self.ages_ns += (row.actual_ns as f64) - (row.state_stamp_ns as f64);
             self.states += 1;
@@ -413,27 +461,56 @@ impl Digesting {
             self.trace.last_period.reference_m.push(row.reference_m);
             self.trace.last_period.received_m.push(row.received_m);
         }
+        self.rows += 1;
+        self.period_rows += 1;
+        self.slice_rows += 1;
+        // A period that has this row has a mean.
+        let _ = self.advance();
+    }
+
+    /// Goes over steps that were lost.
+    fn skip(&mut self, lost: u64) -> Result<(), Fault> {
+        (0..lost).try_for_each(|_| self.advance())
+    }
+
+    /// To the next step: slices and periods end where they end, whatever was lost of them.
+    fn advance(&mut self) -> Result<(), Fault> {
         self.steps += 1;
         if self.slice_ends == Some(self.steps) {
-            self.slice_ends = Some(self.steps + self.steps_per_slice);
-            let slice_m = std::mem::take(&mut self.slice_m) / self.steps_per_slice as f64;
-            self.trace.slices_m.push(slice_m);
+            self.end_slice();
         }
         if self.steps == self.period_ends {
             self.period_ends += self.steps_per_period;
-            self.end_period();
+            self.end_period()?;
+        }
+        Ok(())
+    }
+
+    fn end_slice(&mut self) {
+        let (sum_m, rows) = (
+            std::mem::take(&mut self.slice_m),
+            std::mem::take(&mut self.slice_rows),
+        );
+        if rows == 0 {
+            // A slice without a mean: without slices the window can still be told by its periods.
+            self.slice_ends = None;
+            self.trace.slices_m.clear();
+        } else {
+            self.slice_ends = Some(self.steps + self.steps_per_slice);
+            self.trace.slices_m.push(sum_m / rows as f64);
         }
     }
 
-    fn end_period(&mut self) {
+    fn end_period(&mut self) -> Result<(), Fault> {
         let sums = std::mem::take(&mut self.sums);
-        let steps = self.steps_per_period as f64;
-        self.trace.periods.push(PeriodError {
-            mean_abs_x_m: sums.mean_abs_x_m / steps,
-            mean_abs_y_m: sums.mean_abs_y_m / steps,
-            mean_distance_m: sums.mean_distance_m / steps,
-            mean_square_m2: sums.mean_square_m2 / steps,
-        });
+        let rows = std::mem::take(&mut self.period_rows);
+        if rows == 0 {
+            return Err(Fault::EmptyPeriod {
+                period: self.trace.periods.len() + 1,
+            });
+        }
+        self.trace.periods.push(sums.over(rows as f64));
+        Ok(())
     }
 
     fn finish(mut self) -> ControlTrace {

@@ -56,7 +56,7 @@ const ALWAYS_DIFFERENT: [&str; 12] = [
 ];
 
 /// What explains most, first.
-const TELLING: [&str; 12] = [
+const TELLING: [&str; 24] = [
     "provider",
     "host",
     "platform.cpu_model",
@@ -66,9 +66,21 @@ const TELLING: [&str; 12] = [
     "platform.cpu_governor",
     "platform.cpus_allowed",
     "platform.realtime.priority_granted",
+    "platform.tcp_congestion_control",
     "platform.hypervisor",
     "platform.os",
     "platform.workload_version",
+    "facts.box.sha256",
+    "facts.box.version",
+    "facts.libvirt",
+    "facts.qemu",
+    "facts.virtualbox",
+    "facts.engine_version",
+    "facts.engine_parts.storage_driver",
+    "facts.engine_parts.default_runtime",
+    "facts.engine_parts.runc_version",
+    "facts.engine_parts.cgroup_version",
+    "facts.engine_parts.cgroup_driver",
 ];
 
 impl EnvironmentRecord {
@@ -244,6 +256,13 @@ mod tests {
             ["provider", "platform.kernel", "platform.swap", "platform.zram"]
         );
         assert!(a.differences(&a).is_empty());
+        let engine = |runc: &str| EnvironmentRecord {
+            facts: serde_json::from_value(json!({"engine_parts": {"runc_version": runc}, "box": null}))
+                .unwrap(),
+            ..record("docker", json!({"zram": true}))
+        };
+        let [differing] = engine("1.1.5").differences(&engine("1.2.0")).try_into().unwrap();
+        assert_eq!(differing.field, "facts.engine_parts.runc_version");
         let swap = &a.differences(&b)[2];
         assert_eq!((swap.first.as_deref(), swap.second.as_deref()), (None, Some("1")));
     }

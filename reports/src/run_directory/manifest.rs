@@ -1,5 +1,7 @@
 //! `manifest.json`: what was asked. The main type is [`Manifest`].
 
+use std::fmt;
+
 use serde::{Deserialize, Serialize};
 
 use crate::settings::ReportSettings;
@@ -15,6 +17,9 @@ pub struct Manifest {
     pub created: String,
     /// Version of `matrix`.
     pub matrix_version: String,
+    /// The revision of its sources; none where it was built outside of git, and in runs of earlier versions.
+    #[serde(default)]
+    pub matrix_revision: Option<Revision>,
     /// SHA-256 of the workload binary that was deployed, in hexadecimal.
     pub workload_sha256: String,
     /// Where the matrix file was.
@@ -37,6 +42,30 @@ pub struct Manifest {
     pub hosts: Vec<HostRecord>,
     /// How the tables are to be made.
     pub report: ReportSettings,
+    /// Whether this is a copy from which names were taken ([`crate::redaction`]): it can be reported, and not resumed.
+    #[serde(default, skip_serializing_if = "std::ops::Not::not")]
+    pub redacted: bool,
+}
+
+/// A revision of sources in git.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
+pub struct Revision {
+    /// The commit, in hexadecimal.
+    pub commit: String,
+    /// Whether the program was built of something else than what was committed.
+    pub dirty: bool,
+}
+
+impl fmt::Display for Revision {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let short: String = self.commit.chars().take(12).collect();
+        let changes = if self.dirty {
+            " with uncommitted changes"
+        } else {
+            ""
+        };
+        write!(f, "{short}{changes}")
+    }
 }
 
 fn randomised() -> String {

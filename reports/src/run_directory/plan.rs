@@ -1,7 +1,7 @@
 //! `plan.json`: every scenario, feasible or not, and the order they run in. The main type is [`PlanRecord`].
 
 use serde::{Deserialize, Serialize};
-use workload::settings::Settings;
+use workload::settings::{Settings, recorded};
 
 /// The plan of a run.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
@@ -38,6 +38,7 @@ pub struct PlannedScenario {
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub not_selected: Option<String>,
     /// The workload's settings, the axes' sweeps applied.
+    #[serde(deserialize_with = "recorded")]
     pub settings: Settings,
 }
 
@@ -56,4 +57,17 @@ impl PlannedScenario {
             other => other.to_string(),
         })
     }
+}
+
+/// The letter of the scenario at an index from 0: a, b, … z, aa, ab, …
+#[must_use]
+pub fn letter(index: usize) -> String {
+    let mut letters = Vec::new();
+    let mut rest = index + 1;
+    while rest > 0 {
+        rest -= 1;
+        letters.push(char::from(b'a' + (rest % 26) as u8));
+        rest /= 26;
+    }
+    letters.iter().rev().collect()
 }

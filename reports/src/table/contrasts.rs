@@ -47,7 +47,7 @@ fn blocks(report: &Report) -> Option<Table> {
         ]),
         rows,
         notes: vec![format!(
-            "Rejected: window pairs as in tables 2 and 3. By blocks: the same distance, its p by dealing blocks of so many \
+            "Rejected: window pairs as in Tables IV and V. By blocks: the same distance, its p by dealing blocks of so many \
              neighbouring periods anew (twice the autocorrelation time), {DRAWS} draws; of the pairs with blocks enough for \
              a p below {}, and \"cannot\" where none has. What shifts a window as a whole is still taken for a difference.",
             report.settings.alpha
@@ -240,7 +240,7 @@ fn without_data(report: &Report) -> Option<String> {
 }
 
 /// A p-value in a cell.
-fn p(p: f64) -> String {
+pub(super) fn p(p: f64) -> String {
     if p < 0.001 {
         format!("{p:.1e}")
     } else {
@@ -248,7 +248,7 @@ fn p(p: f64) -> String {
     }
 }
 
-fn estimate(estimate: &Estimate, digits: impl Fn(f64) -> String) -> String {
+pub(super) fn estimate(estimate: &Estimate, digits: impl Fn(f64) -> String) -> String {
     let value = digits(estimate.value);
     match estimate.interval {
         Some(interval) => format!("{value} [{}, {}]", digits(interval.low), digits(interval.high)),
@@ -265,7 +265,7 @@ fn digits(value: f64) -> String {
     }
 }
 
-fn signed(value: f64) -> String {
+pub(super) fn signed(value: f64) -> String {
     let digits = digits(value);
     if digits.starts_with('-') {
         digits

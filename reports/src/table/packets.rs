@@ -189,7 +189,7 @@ fn counts(report: &Report) -> Table {
         ]),
         rows,
         notes: vec![
-            "As tables 1 to 3, with one value a period: the mean of the delays, trips and jitters of the packets sent in it, \
+            "As Tables III to V, with one value a period: the mean of the delays, trips and jitters of the packets sent in it, \
              its longest gap, and how many were lost, sent again and overtaken (late). Rejected, of N window pairs, by the \
              same test at the same level; what holds of those counts holds of these."
                 .to_owned(),

@@ -27,7 +27,7 @@ pub(super) fn of(report: &Report) -> Table {
         rows,
         notes: vec![
             "CPU: the workload's own use of one core. Late: steps of both loops that began more than a tenth of a step \
-             after they were due; missed: those a whole step late. Stale: control steps without a newer state. Age: of \
+             after they were due; missed: those a whole step late, and ticks that were lost. Stale: control steps without a newer state. Age: of \
              the state when it was used, mean. Over the windows that count."
                 .to_owned(),
         ],
@@ -38,7 +38,7 @@ fn cells(health: &Health) -> [String; 5] {
     [
         percent(health.cpu_share),
         percent(health.late_share),
-        health.missed_deadlines.to_string(),
+        (health.missed_deadlines + health.lost_ticks).to_string(),
         percent(health.stale_share),
         health
             .state_age_s

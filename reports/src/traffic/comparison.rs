@@ -5,7 +5,7 @@ use std::borrow::Cow;
 
 use super::{DirectionTraffic, Quantity, Traffic, WindowTraffic};
 use crate::{
-    comparison::{Tally, WindowValues, tallies},
+    comparison::{FrameError, Tally, WindowValues, tallies},
     packets::Topic,
     sample::Sample,
     settings::ReportSettings,
@@ -23,8 +23,14 @@ pub struct TrafficTally {
 }
 
 /// Those of all quantities in both directions, of the periods that the tracking error is taken of.
-#[must_use]
-pub fn compared(traffic: &Traffic, samples: &[Sample], settings: &ReportSettings) -> Vec<TrafficTally> {
+///
+/// # Errors
+/// When they cannot be counted.
+pub fn compared(
+    traffic: &Traffic,
+    samples: &[Sample],
+    settings: &ReportSettings,
+) -> Result<Vec<TrafficTally>, FrameError> {
     let sampled = traffic.sampled(samples);
     let mut compared = Vec::new();
     for topic in Topic::ALL {
@@ -41,11 +47,11 @@ pub fn compared(traffic: &Traffic, samples: &[Sample], settings: &ReportSettings
             compared.push(TrafficTally {
                 topic,
                 quantity,
-                tallies: tallies(&windows, settings),
+                tallies: tallies(&windows, settings)?,
             });
         }
     }
-    compared
+    Ok(compared)
 }
 
 impl WindowTraffic {

@@ -7,9 +7,11 @@
 )]
 
 mod bad_input;
+mod combined;
 mod fixture;
 mod page;
 mod recorded;
+mod redacted;
 mod synthetic;
 mod tables;
 mod written;

@@ -181,6 +181,7 @@ fn manifest() -> Manifest {
         run: "2026-11-21".to_owned(),
         created: "2026-11-21T04:00:00.000Z".to_owned(),
         matrix_version: "0.1.0".to_owned(),
+        matrix_revision: None,
         workload_sha256: String::new(),
         matrix_file: "matrix.yaml".to_owned(),
         matrix_text: "matrix: {}\n".to_owned(),
@@ -190,6 +191,7 @@ fn manifest() -> Manifest {
         seed: 1,
         providers: json!({}),
         report: ReportSettings::default(),
+        redacted: false,
     }
 }
 

@@ -3,7 +3,13 @@
 use std::{collections::BTreeMap, fs, path::Path};
 
 use polars::prelude::{ParquetReader, SerReader};
-use reports::{analyse, settings::ReportSettings, traffic::Traffic};
+use reports::{
+    analyse,
+    figure::{self, Kind},
+    settings::{DrawnPair, ReportSettings},
+    traffic::Traffic,
+};
+use workload::settings::NetworkBackend;
 
 use crate::synthetic::{Scenario, Synthetic};
 
@@ -56,27 +62,48 @@ fn a_report_is_written_whole_and_nothing_else_is_touched() {
             "report/comparisons.parquet",
             "report/contrasts.csv",
             "report/contrasts.parquet",
+            "report/figures.tex",
             "report/figures/cdf-a-b.pdf",
             "report/figures/cdf-a-b.svg",
+            "report/figures/cdf-a-b.tex",
+            "report/figures/control-loop-a.pdf",
+            "report/figures/control-loop-a.svg",
+            "report/figures/control-loop-a.tex",
+            "report/figures/histogram-a-b.pdf",
+            "report/figures/histogram-a-b.svg",
+            "report/figures/histogram-a-b.tex",
+            "report/figures/ks-test.pdf",
+            "report/figures/ks-test.svg",
+            "report/figures/ks-test.tex",
+            "report/figures/topology-a.pdf",
+            "report/figures/topology-a.svg",
+            "report/figures/topology-a.tex",
             "report/figures/trajectory-a.pdf",
             "report/figures/trajectory-a.svg",
+            "report/figures/trajectory-a.tex",
             "report/figures/trajectory-b.pdf",
             "report/figures/trajectory-b.svg",
+            "report/figures/trajectory-b.tex",
             "report/packets.csv",
             "report/packets.parquet",
             "report/report.html",
             "report/report.json",
             "report/samples.csv",
             "report/samples.parquet",
+            "report/scenarios.csv",
+            "report/scenarios.parquet",
             "report/tables.md",
             "report/tables.tex",
+            "report/tables/by-virtualization-and-by-operating-system.tex",
             "report/tables/controls-against-each-other-and-virtualizations-on-each-platform.tex",
             "report/tables/how-large-the-differences-are.tex",
             "report/tables/how-well-each-platform-held-the-schedule.tex",
-            "report/tables/rejections-of-each-virtualized-scenario-against-each-control.tex",
+            "report/tables/rejections-against-control-1-a.tex",
             "report/tables/rejections-within-each-scenario.tex",
             "report/tables/the-counts-with-blocks-in-place-of-values.tex",
             "report/tables/the-family-of-comparisons.tex",
+            "report/tables/the-layers-of-a-robot-simulation.tex",
+            "report/tables/the-scenarios.tex",
             "report/tables/the-window-as-the-unit.tex",
             "report/tables/what-was-different.tex",
             "report/tables/within-the-windows.tex",
@@ -113,32 +140,59 @@ fn figures_and_tables_of_an_earlier_report_are_removed_and_other_files_are_not()
         tables.join("rejections-continued.tex"),
     )
     .unwrap();
-    let pair = |a: &str, b: &str| (a.to_owned(), b.to_owned());
+    let pair = |a: &str, b: &str| DrawnPair(a.parse().unwrap(), b.parse().unwrap());
     let settings = ReportSettings {
-        figures: vec![pair("b", "x86-debian-docker"), pair("a", "nowhere")],
+        figures: vec![
+            pair("b", "x86-debian-docker"),
+            pair("b/2", "a/1"),
+            pair("a/1", "b/2"),
+            pair("a", "nowhere"),
+            pair("a/5", "b"),
+        ],
         ..ReportSettings::default()
     };
     write(&synthetic, &settings);
-    let names: Vec<String> = tree(&figures).into_keys().collect();
-    assert_eq!(
-        names,
-        [
-            "cdf-b-b.pdf",
-            "cdf-b-b.svg",
-            "mine.svg",
-            "trajectory-a.pdf",
-            "trajectory-a.svg",
-            "trajectory-b.pdf",
-            "trajectory-b.svg"
-        ]
-    );
+    let names: Vec<String> = tree(&figures)
+        .into_keys()
+        .filter(|name| !name.ends_with(".pdf"))
+        .collect();
+    let expected = [
+        "cdf-a1-b2.svg",
+        "cdf-a1-b2.tex",
+        "cdf-b-b.svg",
+        "cdf-b-b.tex",
+        "control-loop-a.svg",
+        "control-loop-a.tex",
+        "histogram-a1-b2.svg",
+        "histogram-a1-b2.tex",
+        "histogram-b-b.svg",
+        "histogram-b-b.tex",
+        "ks-test.svg",
+        "ks-test.tex",
+        "mine.svg",
+        "topology-a.svg",
+        "topology-a.tex",
+        "trajectory-a.svg",
+        "trajectory-a.tex",
+        "trajectory-b.svg",
+        "trajectory-b.tex",
+    ];
+    assert_eq!(names, expected);
     let names = tree(&tables);
     assert!(names.contains_key("mine.tex") && names.contains_key("within-the-windows.tex"));
     assert!(!names.contains_key("rejections-continued.tex"));
     let run = reports::load(synthetic.directory.path()).unwrap();
+    let remarks = analyse(&run, Traffic::default(), &settings).remarks;
+    assert!(
+        remarks[0].starts_with("DIFFERS FROM WHAT WAS DECLARED: figures"),
+        "{remarks:?}"
+    );
     assert_eq!(
-        analyse(&run, Traffic::default(), &settings).remarks,
-        ["`report.figures` names `nowhere`, which is no scenario's letter or slug."]
+        remarks[1..],
+        [
+            "`report.figures` names `nowhere`, which is no scenario's letter or slug.",
+            "`report.figures` names `a/5`, and there is no window 5 of it that counts: the pair is not drawn.",
+        ]
     );
 }
 
@@ -156,7 +210,9 @@ fn the_csv_has_a_line_for_each_comparison_and_for_each_period() {
     let mut lines = comparisons.lines();
     assert_eq!(
         lines.next().unwrap(),
-        "a,a_slug,a_window,b,b_slug,b_window,n,m,d,h,lcm,p,log10_p,signed_d,at_m,method,alpha,rejected,unlike"
+        "a,a_slug,a_window,b,b_slug,b_window,n,m,d,h,lcm,p,log10_p,signed_d,at_m,method,alpha,rejected,unlike,\
+         same_scenario,a_hardware,b_hardware,a_os,b_os,a_virtualization,b_virtualization,a_platform,b_platform,a_is_control,\
+         b_is_control,a_paper,b_paper"
     );
     assert!(
         lines
@@ -178,32 +234,119 @@ fn the_parquet_reads_back_as_it_was_written() {
     write(&synthetic, &ReportSettings::default());
     let file = fs::File::open(synthetic.directory.report().join("comparisons.parquet")).unwrap();
     let frame = ParquetReader::new(file).finish().unwrap();
-    assert_eq!(frame.shape(), (28, 19));
+    assert_eq!(frame.shape(), (28, 32));
     let rejected = frame.column("rejected").unwrap().bool().unwrap().sum();
     let csv = fs::read_to_string(synthetic.directory.report().join("comparisons.csv")).unwrap();
     assert_eq!(
         rejected,
-        Some(csv.lines().filter(|line| line.ends_with(",true,")).count() as u32)
+        Some(
+            csv.lines()
+                .filter(|line| line.contains("exact,0.001,true,"))
+                .count() as u32
+        )
     );
 }
 
 #[test]
-fn figures_are_well_labelled() {
+fn figures_and_their_captions_say_what_is_to_be_seen() {
     let synthetic = two_scenarios();
     write(&synthetic, &ReportSettings::default());
-    let read = |name| fs::read_to_string(synthetic.directory.report().join("figures").join(name)).unwrap();
-    let distributions = read("cdf-a-b.svg");
-    for words in [
-        "a x86-debian-native, window",
-        "error of a period, mean |e_x| + mean |e_y| (m)",
-        "D = ",
-        "of 16 window pairs",
+    let folder = synthetic.directory.report().join("figures");
+    for (name, expected) in [
+        (
+            "cdf-a-b.svg",
+            [
+                "a x86-debian-native, window",
+                "error of a period, mean |e_x| + mean |e_y| (m)",
+                "D = ",
+            ],
+        ),
+        (
+            "cdf-a-b.tex",
+            [
+                "\\label{fig:cdf-a-b}",
+                "of 16 window pairs are rejected",
+                "the one of the median D",
+            ],
+        ),
+        (
+            "histogram-a-b.svg",
+            ["b x86-debian-docker, window", "share of periods", "(m)"],
+        ),
+        (
+            "histogram-a-b.tex",
+            ["width=\\columnwidth", "mean 0.20", "with the same bars"],
+        ),
+        ("trajectory-a.svg", ["x (m)", "target", "time (s)"]),
+        ("control-loop-a.svg", ["10ms ± 1ms each", "controller", "U(s)"]),
+        (
+            "control-loop-a.tex",
+            ["Scenarios a, b", "kp = $-1.312$", "at 10Hz"],
+        ),
+        (
+            "topology-a.svg",
+            ["10ms ± 1ms, 1% loss, 10Mbit/s", "1000 packets", "(emulated)"],
+        ),
+        ("ks-test.svg", ["F(x) of a", "G(x) of b", ">\nD\n<"]),
     ] {
-        assert!(distributions.contains(words), "{words}");
+        let text = fs::read_to_string(folder.join(name)).unwrap();
+        for words in expected {
+            assert!(text.contains(words), "{name}, {words}: {text}");
+        }
     }
-    for words in ["x (m)", "y (m)", "time within the period (s)", "target", "actual"] {
-        assert!(read("trajectory-a.svg").contains(words), "{words}");
+}
+
+#[test]
+fn the_network_is_drawn_from_the_settings_of_the_run_once_for_each_that_there_is() {
+    let synthetic = two_scenarios();
+    let mut run = reports::load(synthetic.directory.path()).unwrap();
+    let network = &mut run.scenarios[1].planned.settings.network;
+    network.backend = NetworkBackend::Mininet;
+    network.loss = "2%".parse().unwrap();
+    let report = analyse(&run, Traffic::default(), &run.manifest.report);
+    let figures = figure::draw(&run, &report).unwrap();
+    let drawn = |name: &str| figures.iter().find(|figure| figure.name == name).unwrap();
+    let of_mininet = &drawn("topology-b.svg").svg;
+    for words in ["OpenFlow controller", "Open vSwitch", "2% loss"] {
+        assert!(of_mininet.contains(words), "{words}");
+        assert!(!drawn("topology-a.svg").svg.contains(words), "{words}");
     }
+    let loops = figures.iter().filter(|figure| figure.kind == Kind::ControlLoop);
+    assert_eq!(loops.count(), 1, "the loops are alike");
+}
+
+#[test]
+fn without_names_the_papers_kinds_of_pairs_are_drawn_and_no_more_than_twelve() {
+    let cdfs = |scenarios: &[Scenario]| -> (Vec<String>, Vec<String>) {
+        let synthetic = Synthetic::new(scenarios);
+        let run = reports::load(synthetic.directory.path()).unwrap();
+        let report = analyse(&run, Traffic::default(), &run.manifest.report);
+        let figures = figure::draw(&run, &report).unwrap();
+        let drawn = figures.iter().filter(|figure| figure.kind == Kind::Distributions);
+        (
+            drawn.map(|figure| figure.stem().to_owned()).collect(),
+            report.remarks,
+        )
+    };
+    let measured = |slug| Scenario::measured(slug, &[0.1, 0.11]);
+    let (drawn, remarks) = cdfs(&[
+        measured("x86-debian-docker"),
+        measured("x86-debian-native"),
+        measured("x86-osx-native"),
+        measured("x86-osx-virtualbox"),
+        measured("x86-osx-docker"),
+    ]);
+    assert_eq!(drawn, ["cdf-b-c", "cdf-a-b", "cdf-c-d", "cdf-c-e", "cdf-d-e"]);
+    assert_eq!(remarks, [""; 0]);
+
+    let systems = ["a", "b", "c", "d", "e", "f"].map(|os| format!("x86-{os}-native"));
+    let natives = systems.map(|slug| measured(Box::leak(slug.into_boxed_str())));
+    let (drawn, remarks) = cdfs(&natives);
+    assert_eq!(drawn.len(), 12);
+    assert!(
+        remarks[0].starts_with("15 pairs of scenarios could be drawn, and the first 12 are."),
+        "{remarks:?}"
+    );
 }
 
 #[test]
@@ -279,7 +422,7 @@ fn the_docs_name_each_column_and_field_that_is_written_and_no_other_column() {
             assert!(columns.contains(&name), "{section} has no {name}");
         }
     }
-    assert_eq!(files, 4);
+    assert_eq!(files, 5);
 
     let mut found = std::collections::BTreeSet::new();
     for run in [

@@ -11,7 +11,8 @@ use nix::{
         resource::{UsageWho, getrusage},
         time::TimeValLike,
     },
-    unistd::{SysconfVar, sysconf},
+    time::{ClockId, clock_gettime},
+    unistd::{Pid, SysconfVar, sysconf},
 };
 
 use crate::{cgroup::Groups, record::window::ConditionsRecord, survey::cpus_allowed};
@@ -19,9 +20,9 @@ use crate::{cgroup::Groups, record::window::ConditionsRecord, survey::cpus_allow
 /// Counters at one moment.
 #[derive(Debug, Clone, Default, PartialEq)]
 pub struct Counters {
-    /// Processor time that the process has used.
+    /// Processor time that the workload's processes have used.
     pub own_cpu_ns: i64,
-    /// Page faults of the process that had to wait for a disk.
+    /// Page faults of the workload's processes that had to wait for a disk.
     pub major_faults: u64,
     /// Of the processors that the process may use, together.
     pub processors: Option<ProcessorTimes>,
@@ -54,17 +55,18 @@ pub struct Throttling {
 }
 
 impl Counters {
-    /// Now.
+    /// Now. `others` are the workload's processes beside this one; one that has ended counts no longer.
     #[must_use]
-    pub fn read() -> Self {
+    pub fn read(others: &[Pid]) -> Self {
         let usage = getrusage(UsageWho::RUSAGE_SELF);
         let cpus = cpus_allowed();
         let text = |path: &str| fs::read_to_string(path).ok();
         Self {
             own_cpu_ns: usage.map_or(0, |usage| {
                 (usage.user_time() + usage.system_time()).num_nanoseconds()
-            }),
-            major_faults: usage.map_or(0, |usage| u64::try_from(usage.major_page_faults()).unwrap_or(0)),
+            }) + others.iter().map(|pid| cpu_ns(*pid)).sum::<i64>(),
+            major_faults: usage.map_or(0, |usage| u64::try_from(usage.major_page_faults()).unwrap_or(0))
+                + others.iter().map(|pid| major_faults(*pid)).sum::<u64>(),
             processors: text("/proc/stat").and_then(|stat| ProcessorTimes::of(&stat, &cpus)),
             throttling: Groups::of("cpu").and_then(|groups| Throttling::of(&groups)),
             thermal_throttles: thermal_throttles(&cpus),
@@ -100,6 +102,25 @@ impl Counters {
                 .map(|(now, before)| now.saturating_sub(before).saturating_mul(page_bytes())),
         }
     }
+}
+
+/// Processor time that another process has used; 0 if it has ended.
+fn cpu_ns(pid: Pid) -> i64 {
+    ClockId::pid_cpu_clock_id(pid)
+        .and_then(clock_gettime)
+        .map_or(0, |time| time.num_nanoseconds())
+}
+
+/// Page faults of another process that had to wait for a disk; 0 if it has ended.
+fn major_faults(pid: Pid) -> u64 {
+    let stat = fs::read_to_string(format!("/proc/{pid}/stat")).unwrap_or_default();
+    // The name, in parentheses, may hold anything; `majflt` is the tenth field behind it.
+    let fields = stat.rsplit_once(')').map_or("", |(_, fields)| fields);
+    fields
+        .split_whitespace()
+        .nth(9)
+        .and_then(|field| field.parse().ok())
+        .unwrap_or(0)
 }
 
 impl ProcessorTimes {
@@ -277,7 +298,7 @@ mod tests {
 
     #[test]
     fn the_kernel_counts_this_machines_processors() {
-        let counters = Counters::read();
+        let counters = Counters::read(&[]);
         assert!(counters.processors.unwrap().busy > 0);
         assert!(counters.swapped_pages.is_some());
     }

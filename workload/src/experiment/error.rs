@@ -38,6 +38,26 @@ pub enum ExperimentError {
         /// Which.
         name: &'static str,
     },
+    /// A process could not be started.
+    #[error("the process of the {name} could not be started")]
+    Process {
+        /// Which node's.
+        name: &'static str,
+        /// What the system said.
+        source: io::Error,
+    },
+    /// A node in a process of its own could not go on.
+    #[error("the {name} failed: {reason}")]
+    Node {
+        /// Which.
+        name: &'static str,
+        /// Why, with the causes.
+        reason: String,
+        /// What to do about it, where that is known.
+        hint: Option<String>,
+        /// Whether the platform did not offer what is needed.
+        platform: bool,
+    },
     /// A file could not be written.
     #[error("{} could not be written", path.display())]
     Write {
@@ -62,7 +82,8 @@ impl ExperimentError {
             Self::Network(error) => error.hint(),
             Self::Capture(error) => error.hint(),
             Self::Ros(error) => error.hint().map(str::to_owned),
-            Self::Thread { .. } => {
+            Self::Node { hint, .. } => hint.clone(),
+            Self::Thread { .. } | Self::Process { .. } => {
                 Some("raise the limit of processes (`ulimit -u`, or the container's `pids` limit)".into())
             }
             Self::Write { source, .. } => match source.kind() {
@@ -87,11 +108,13 @@ impl ExperimentError {
             | Self::Capture(_)
             | Self::MasterPort { .. }
             | Self::Thread { .. }
+            | Self::Process { .. }
             | Self::Write { .. } => true,
             Self::Ros(error) => matches!(
                 error,
                 RosError::NoRosmaster { .. } | RosError::RosmasterEnded { .. }
             ),
+            Self::Node { platform, .. } => *platform,
             Self::ThreadEnded { .. } | Self::Taken { .. } => false,
         }
     }

@@ -50,6 +50,7 @@ impl Lateness {
         let sum: f64 = sorted.iter().map(|ns| *ns as f64).sum();
         LoopRecord {
             steps: count as u64,
+            lost_ticks: 0,
             missed_deadlines: self.missed,
             late_steps: sorted.iter().filter(|ns| **ns > step_ns / 10).count() as u64,
             lateness_mean_ns: if count == 0 { 0.0 } else { sum / count as f64 },

@@ -1,5 +1,5 @@
-//! The threads of the two loops: started early, so that what they are granted is known before anything is measured,
-//! and then told when to begin. The main type is [`LoopThreads`].
+//! The thread of one loop: started early, so that what it is granted is known before anything is measured, and then told
+//! when to begin. The main type is [`LoopThread`].
 
 use std::{
     sync::mpsc::{Receiver, Sender, channel},
@@ -12,108 +12,52 @@ use super::{
     connection::{ControllerEnds, PlantEnds},
     error::ExperimentError,
     loops::{ControllerLoop, PlantLoop, Shared},
-    schedule::{Schedule, Tick},
+    schedule::{Pace, Schedule},
 };
 use crate::{
     controller::Controller,
-    plant::PlantModel,
+    plant::Plant,
     realtime::enter_realtime,
-    record::{control_log::ControlRow, platform::RealtimeGrant},
+    record::{control_log::ControlRow, plant_log::PlantRow, platform::RealtimeGrant},
     reference::Reference,
     ros::Publisher,
-    settings::{RealtimeSettings, Settings},
+    settings::{RealtimeSettings, Settings, Waiting},
 };
 
 /// How many seconds of rows the queues hold: a disk may hang that long.
 const QUEUE_SECONDS: f64 = 60.0;
 
-/// Both loops, waiting for their schedule.
-pub struct LoopThreads {
-    controller: LoopThread,
-    plant: LoopThread,
-}
-
-/// What the recorder reads.
-pub struct Queues {
-    /// The controller's rows.
-    pub rows: Consumer<ControlRow>,
-    /// The plant's ticks.
-    pub ticks: Consumer<Tick>,
-}
-
-impl LoopThreads {
-    /// Starts both threads and says what they were granted; where they differ, the refusal counts.
-    ///
-    /// # Errors
-    /// If a thread cannot be started.
-    pub fn start(
-        settings: &Settings,
-        plant: PlantEnds,
-        controller: ControllerEnds,
-    ) -> Result<(Self, Queues, RealtimeGrant), ExperimentError> {
-        let (plant, ticks, plant_grant) = LoopThread::plant(settings, plant)?;
-        let (controller, rows, grant) = LoopThread::controller(settings, controller)?;
-        let grant = if plant_grant.priority_refusal.is_some() {
-            plant_grant
-        } else {
-            grant
-        };
-        Ok((Self { controller, plant }, Queues { rows, ticks }, grant))
-    }
-
-    /// Tells both when to begin.
-    ///
-    /// # Errors
-    /// If one has ended.
-    pub fn begin(
-        &self,
-        plant: Schedule,
-        controller: Schedule,
-        shared: &Shared,
-    ) -> Result<(), ExperimentError> {
-        self.plant.begin(plant, shared)?;
-        self.controller.begin(controller, shared)
-    }
-
-    /// Waits until both have ended. Loops that were never begun end at once.
-    ///
-    /// # Errors
-    /// If one ended in a panic.
-    pub fn join(self) -> Result<(), ExperimentError> {
-        let plant = self.plant.end();
-        let controller = self.controller.end();
-        // Only now the connections close: neither loop has lost its peer.
-        controller.and(plant).map(drop)
-    }
-}
-
 /// One loop, waiting for its schedule.
 pub struct LoopThread {
     name: &'static str,
     begins: Sender<(Schedule, Shared)>,
-    /// Its publisher, unless it was never begun.
+    /// Its publisher, if it has one, unless it was never begun.
     thread: JoinHandle<Option<Publisher>>,
 }
 
 impl LoopThread {
-    /// The plant's, with the queue of its ticks and what it was granted.
+    /// The plant's, with the queue of its rows and what it was granted.
     ///
     /// # Errors
     /// If its thread cannot be started.
     pub fn plant(
         settings: &Settings,
-        (publisher, commands): PlantEnds,
-    ) -> Result<(Self, Consumer<Tick>, RealtimeGrant), ExperimentError> {
-        let (queue, ticks) = RingBuffer::new(queue_capacity(settings));
+        ends: PlantEnds,
+    ) -> Result<(Self, Consumer<PlantRow>, RealtimeGrant), ExperimentError> {
+        let (queue, rows) = RingBuffer::new(queue_capacity(settings));
         let plant = PlantLoop {
-            model: PlantModel::new(&settings.plant, settings.rate.step()),
-            publisher,
-            commands,
-            ticks: queue,
+            plant: Plant::new(&settings.plant, settings.rate.step()),
+            output: ends.output,
+            commands: ends.commands,
+            rows: queue,
         };
-        let run = move |schedule: &Schedule, shared: &Shared| plant.run(schedule, shared);
+        let pace = Pace {
+            late_ticks: settings.loops.late_ticks,
+            waiting: Waiting::Sleep,
+        };
+        let run = move |schedule: &Schedule, shared: &Shared| plant.run(schedule, pace, shared);
         let (thread, grant) = Self::start("plant", &settings.realtime, run)?;
-        Ok((thread, ticks, grant))
+        Ok((thread, rows, grant))
     }
 
     /// The controller's, with the queue of its rows and what it was granted.
@@ -122,17 +66,22 @@ impl LoopThread {
     /// If its thread cannot be started.
     pub fn controller(
         settings: &Settings,
-        (publisher, states): ControllerEnds,
+        ends: ControllerEnds,
     ) -> Result<(Self, Consumer<ControlRow>, RealtimeGrant), ExperimentError> {
         let (queue, rows) = RingBuffer::new(queue_capacity(settings));
         let controller = ControllerLoop {
             reference: Reference::new(settings),
-            controller: Controller::new(&settings.control),
-            publisher,
-            states,
+            controller: Controller::new(settings),
+            publisher: ends.publisher,
+            messages: settings.ros.messages,
+            states: ends.states,
             rows: queue,
         };
-        let run = move |schedule: &Schedule, shared: &Shared| controller.run(schedule, shared);
+        let pace = Pace {
+            late_ticks: settings.loops.late_ticks,
+            waiting: settings.loops.controller_waits,
+        };
+        let run = move |schedule: &Schedule, shared: &Shared| controller.run(schedule, pace, shared);
         let (thread, grant) = Self::start("controller", &settings.realtime, run)?;
         Ok((thread, rows, grant))
     }
@@ -140,7 +89,7 @@ impl LoopThread {
     fn start(
         name: &'static str,
         wishes: &RealtimeSettings,
-        run: impl FnOnce(&Schedule, &Shared) -> Publisher + Send + 'static,
+        run: impl FnOnce(&Schedule, &Shared) -> Option<Publisher> + Send + 'static,
     ) -> Result<(Self, RealtimeGrant), ExperimentError> {
         let (begins, to_begin): (_, Receiver<(Schedule, Shared)>) = channel();
         let (grants, granted) = channel();
@@ -148,7 +97,7 @@ impl LoopThread {
         let thread = thread::Builder::new().name(name.into()).spawn(move || {
             let _ = grants.send(enter_realtime(&wishes));
             let (schedule, shared) = to_begin.recv().ok()?;
-            Some(run(&schedule, &shared))
+            run(&schedule, &shared)
         });
         let thread = thread.map_err(|source| ExperimentError::Thread { name, source })?;
         let grant = granted
@@ -166,15 +115,12 @@ impl LoopThread {
         self.begins.send((schedule, shared.clone())).map_err(|_| ended)
     }
 
-    /// Waits until it has ended. One that was never begun ends at once.
+    /// Waits until it has ended, and gives its publisher back: dropping it closes the connections. One that was never begun
+    /// ends at once.
     ///
     /// # Errors
     /// If it ended in a panic.
-    pub fn join(self) -> Result<(), ExperimentError> {
-        self.end().map(drop)
-    }
-
-    fn end(self) -> Result<Option<Publisher>, ExperimentError> {
+    pub fn join(self) -> Result<Option<Publisher>, ExperimentError> {
         drop(self.begins);
         self.thread
             .join()
@@ -182,6 +128,8 @@ impl LoopThread {
     }
 }
 
-fn queue_capacity(settings: &Settings) -> usize {
+/// How many rows a queue holds.
+#[must_use]
+pub fn queue_capacity(settings: &Settings) -> usize {
     ((settings.rate.hz() * QUEUE_SECONDS) as usize).max(1024)
 }

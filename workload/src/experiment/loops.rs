@@ -1,4 +1,4 @@
-//! The two real-time loops: one step of the plant, one step of the controller. The main types are [`PlantLoop`] and
+//! The two loops: one step of the plant, one step of the controller. The main types are [`PlantLoop`] and
 //! [`ControllerLoop`].
 //!
 //! Within a step nothing is allocated, written to a file, locked or logged: what a step has to say goes into a queue of
@@ -12,17 +12,18 @@ use std::sync::{
 use rtrb::Producer;
 
 use super::{
-    message::{CommandMessage, StateMessage},
-    schedule::{Schedule, Tick},
-    slot::{CommandReader, StateReader},
+    message::{CommandEncoder, CommandMessage, StateEncoder, StateMessage},
+    schedule::{Pace, Schedule},
+    slot::{CommandReader, CommandWriter, StateReader, StateWriter},
 };
 use crate::{
     controller::Controller,
-    plant::{AxisState, PlantModel},
+    plant::Plant,
     realtime::monotonic_ns,
-    record::control_log::ControlRow,
+    record::{control_log::ControlRow, plant_log::PlantRow},
     reference::Reference,
-    ros::{Publisher, float64_multi_array::Encoder},
+    ros::Publisher,
+    settings::Messages,
 };
 
 /// What both loops share with the rest of the process.
@@ -32,43 +33,94 @@ pub struct Shared {
     pub zero_ns: i64,
     /// Set when the loops are to end.
     pub stop: Arc<AtomicBool>,
-    /// Rows and ticks for which the queues had no room.
+    /// Rows for which the queues had no room.
     pub log_dropped: Arc<AtomicU64>,
 }
 
 /// The plant, on `sta2`.
 pub struct PlantLoop {
     /// Its physics.
-    pub model: PlantModel,
+    pub plant: Plant,
     /// Where its state goes.
-    pub publisher: Publisher,
+    pub output: PlantOutput,
     /// Where commands come from.
     pub commands: CommandReader,
-    /// When it ticks.
-    pub ticks: Producer<Tick>,
+    /// Its log.
+    pub rows: Producer<PlantRow>,
+}
+
+/// Where the plant's state goes.
+pub enum PlantOutput {
+    /// To its topic, at each tick.
+    Topic {
+        /// The topic.
+        publisher: Publisher,
+        /// In its form.
+        encoder: StateEncoder,
+    },
+    /// To the thread that answers commands ([`answer`]).
+    Answers(StateWriter),
 }
 
 impl PlantLoop {
-    /// Does all steps. Publishes the state first, then applies the newest command until the next step. Gives the
-    /// publisher back: dropping it closes its connections, which is for when the other loop has ended, too.
-    pub fn run(mut self, schedule: &Schedule, shared: &Shared) -> Publisher {
-        let mut encoder = Encoder::new(StateMessage::FIELDS);
-        let mut axes = [AxisState::default(); 2];
-        schedule.follow(&shared.stop, |tick| {
-            let message = StateMessage {
+    /// Does all steps. Gives the publisher back, if it has it: dropping it closes its connections, which is for when the
+    /// other loop has ended, too.
+    pub fn run(mut self, schedule: &Schedule, pace: Pace, shared: &Shared) -> Option<Publisher> {
+        schedule.follow(pace, &shared.stop, |tick| {
+            let command = self.commands.read().unwrap_or_default();
+            let axes = self.plant.tick(command.voltage_v);
+            let state = StateMessage {
                 seq: tick.step + 1,
                 stamp_ns: tick.began_ns - shared.zero_ns,
                 axes,
             };
-            self.publisher.publish(encoder.encode(&message.to_values()));
+            match &mut self.output {
+                PlantOutput::Topic { publisher, encoder } => {
+                    publisher.publish(encoder.encode(&state));
+                }
+                PlantOutput::Answers(newest) => newest.keep(&state, tick.began_ns),
+            }
             let [x, y] = axes;
-            let [x_v, y_v] = self.commands.read().map_or([0.0; 2], |command| command.voltage_v);
-            axes = [self.model.step(&x, x_v), self.model.step(&y, y_v)];
-            if self.ticks.push(tick).is_err() {
+            let row = PlantRow {
+                step: tick.step,
+                scheduled_ns: tick.due_ns - shared.zero_ns,
+                actual_ns: state.stamp_ns,
+                x_m: x.position_m,
+                y_m: y.position_m,
+                angle_x_rad: x.angle_rad,
+                angle_y_rad: y.angle_rad,
+                command_stamp_ns: command.stamp_ns,
+                command_x_v: command.voltage_v[0],
+                command_y_v: command.voltage_v[1],
+            };
+            if self.rows.push(row).is_err() {
                 shared.log_dropped.fetch_add(1, Ordering::Relaxed);
             }
         });
-        self.publisher
+        match self.output {
+            PlantOutput::Topic { publisher, .. } => Some(publisher),
+            PlantOutput::Answers(_) => None,
+        }
+    }
+}
+
+/// Keeps each command, and answers it with the state of the plant's newest tick, stamped as the command is.
+pub fn answer(
+    messages: Messages,
+    mut commands: CommandWriter,
+    newest: StateReader,
+    mut publisher: Publisher,
+) -> impl FnMut(&[u8]) + Send + 'static {
+    let mut encoder = StateEncoder::new(messages);
+    move |message: &[u8]| {
+        if let Some(command) = CommandMessage::decode(messages, message) {
+            commands.keep(&command);
+            let state = newest.read().map(|(state, _)| state).unwrap_or_default();
+            publisher.publish(encoder.encode(&StateMessage {
+                stamp_ns: command.stamp_ns,
+                ..state
+            }));
+        }
     }
 }
 
@@ -76,10 +128,12 @@ impl PlantLoop {
 pub struct ControllerLoop {
     /// The path to follow.
     pub reference: Reference,
-    /// Its gains.
+    /// Its rules and gains.
     pub controller: Controller,
     /// Where its commands go.
     pub publisher: Publisher,
+    /// In which form.
+    pub messages: Messages,
     /// Where states come from.
     pub states: StateReader,
     /// Its log.
@@ -88,38 +142,48 @@ pub struct ControllerLoop {
 
 impl ControllerLoop {
     /// Does all steps. Gives the publisher back, as the plant does.
-    pub fn run(mut self, schedule: &Schedule, shared: &Shared) -> Publisher {
-        let mut encoder = Encoder::new(CommandMessage::FIELDS);
-        schedule.follow(&shared.stop, |tick| {
-            let reference_m = self.reference.at_step(tick.step);
-            let (state, received_ns) = match self.states.read() {
-                Some((state, received_ns)) => (state, received_ns - shared.zero_ns),
-                None => (StateMessage::default(), 0),
+    pub fn run(mut self, schedule: &Schedule, pace: Pace, shared: &Shared) -> Option<Publisher> {
+        let mut encoder = CommandEncoder::new(self.messages);
+        schedule.follow(pace, &shared.stop, |tick| {
+            let began_ns = tick.began_ns - shared.zero_ns;
+            let mut send = |voltage_v| {
+                let command = CommandMessage {
+                    seq: tick.step + 1,
+                    stamp_ns: began_ns,
+                    voltage_v,
+                };
+                self.publisher.publish(encoder.encode(&command));
             };
-            let [x, y] = state.axes;
-            let command = CommandMessage {
-                seq: tick.step + 1,
-                stamp_ns: tick.began_ns - shared.zero_ns,
-                voltage_v: [
-                    self.controller.voltage_v(reference_m[0], &x),
-                    self.controller.voltage_v(reference_m[1], &y),
-                ],
-            };
-            self.publisher.publish(encoder.encode(&command.to_values()));
+            let first = self.controller.sends_first();
+            if let Some(voltage_v) = first {
+                send(voltage_v);
+            }
+            let newest = self.states.read();
+            let reference_m = self.reference.at(tick.step, began_ns);
+            let action = self
+                .controller
+                .step(reference_m, newest.map(|(state, _)| state.axes));
+            if first.is_none() {
+                send(action.computed_v);
+            }
+            let done_ns = monotonic_ns() - shared.zero_ns;
+            let (state, received_ns) = newest.map_or_else(Default::default, |(state, received_ns)| {
+                (state, received_ns - shared.zero_ns)
+            });
             let row = ControlRow {
                 step: tick.step,
                 scheduled_ns: tick.due_ns - shared.zero_ns,
-                actual_ns: command.stamp_ns,
-                done_ns: monotonic_ns() - shared.zero_ns,
+                actual_ns: began_ns,
+                done_ns,
                 state_seq: state.seq,
                 state_stamp_ns: state.stamp_ns,
                 state_received_ns: received_ns,
-                ..ControlRow::of_axes(reference_m, state.axes, command.voltage_v)
+                ..ControlRow::of_axes(reference_m, action.used, action.computed_v)
             };
             if self.rows.push(row).is_err() {
                 shared.log_dropped.fetch_add(1, Ordering::Relaxed);
             }
         });
-        self.publisher
+        Some(self.publisher)
     }
 }

@@ -21,7 +21,10 @@ pub fn uri() -> String {
 /// A master that answers, until it is dropped or stopped.
 pub trait RunningMaster: Send {
     /// Ends it and waits until it has ended.
-    fn stop(self: Box<Self>);
+    ///
+    /// # Errors
+    /// If it had ended before, and did not come back.
+    fn stop(self: Box<Self>) -> Result<(), ExperimentError>;
 }
 
 /// Starts the master that the settings name. Called from a thread inside `h1`.
@@ -64,13 +67,15 @@ pub fn version(which: RosMaster) -> Option<String> {
 }
 
 impl RunningMaster for Master {
-    fn stop(self: Box<Self>) {
+    fn stop(self: Box<Self>) -> Result<(), ExperimentError> {
         Self::stop(*self);
+        Ok(())
     }
 }
 
 impl RunningMaster for Rosmaster {
-    fn stop(self: Box<Self>) {
+    fn stop(self: Box<Self>) -> Result<(), ExperimentError> {
         Self::stop(*self);
+        Ok(())
     }
 }

@@ -1,13 +1,11 @@
 //! A window under way: what belongs to it is gathered until it can be sealed. The main type is [`OpenWindow`].
 
-use std::{io, path::Path};
+use std::io;
 
 use super::{
-    control_file::{ControlFile, RowCounts},
     error::ExperimentError,
-    lateness::Lateness,
+    log_file::{ControlFile, PlantFile, RowCounts, Steps},
     notice_board::News,
-    schedule::Tick,
     snapshot::Snapshot,
     validity::{self, Expectation},
     window_folder::WindowFolder,
@@ -18,9 +16,10 @@ use crate::{
     record::{
         self,
         control_log::ControlRow,
-        window::{CaptureRecord, NoticesRecord, Verdict, WindowRecord},
+        plant_log::PlantRow,
+        window::{CaptureRecord, LoopRecord, NoticesRecord, Verdict, WindowRecord},
     },
-    settings::ValiditySettings,
+    settings::{LateTicks, ValiditySettings},
 };
 
 /// What does not change from one window to the next.
@@ -30,8 +29,14 @@ pub struct WindowShape {
     pub environment: String,
     /// Control steps of a window.
     pub steps: u64,
+    /// Control steps of a period.
+    pub steps_per_period: u64,
     /// Length of a step.
     pub step_ns: i64,
+    /// How long before the controller's step the plant's comes.
+    pub phase_ns: i64,
+    /// What becomes of ticks that fall due while an earlier one has not ended.
+    pub late_ticks: LateTicks,
     /// How many captures each has.
     pub captures: usize,
     /// The network's seed.
@@ -49,7 +54,7 @@ pub struct OpenWindow {
     position: u64,
     folder: WindowFolder,
     control: ControlFile,
-    plant: Lateness,
+    plant: PlantFile,
     captures: Vec<CaptureRecord>,
     captures_to_come: usize,
     failures: Vec<String>,
@@ -78,13 +83,21 @@ impl OpenWindow {
         last_row: Option<ControlRow>,
         began: Snapshot,
     ) -> Result<Self, ExperimentError> {
-        let control = ControlFile::create(folder.path(), RowCounts::after(last_row, shape.steps))
-            .map_err(write_error(folder.path()))?;
+        let steps = |first_ns| Steps {
+            first_ns,
+            step_ns: shape.step_ns,
+        };
+        let first = position * shape.steps;
+        let counts = RowCounts::after(last_row, first, shape.steps, steps(0));
+        let control =
+            ControlFile::create(folder.path(), counts).map_err(write_error(&folder, ControlFile::NAME))?;
+        let plant = PlantFile::create(folder.path(), first, shape.steps, steps(-shape.phase_ns))
+            .map_err(write_error(&folder, PlantFile::NAME))?;
         Ok(Self {
             number,
             position,
             control,
-            plant: Lateness::with_capacity(shape.steps),
+            plant,
             captures: Vec::new(),
             captures_to_come: shape.captures,
             failures: Vec::new(),
@@ -119,19 +132,30 @@ impl OpenWindow {
     /// If it cannot be written.
     pub fn add_row(&mut self, row: &ControlRow) -> Result<(), ExperimentError> {
         self.control
-            .write(row, self.shape.step_ns)
-            .map_err(write_error(self.folder.path()))
+            .write(row)
+            .map_err(write_error(&self.folder, ControlFile::NAME))
     }
 
-    /// Steps of the plant so far.
+    /// Whether that step is its last one, or comes after it.
     #[must_use]
-    pub fn plant_steps(&self) -> u64 {
-        self.plant.steps()
+    pub fn ends_with(&self, step: u64) -> bool {
+        step + 1 >= (self.position + 1) * self.shape.steps
     }
 
-    /// One of the plant's steps.
-    pub fn add_tick(&mut self, tick: &Tick) {
-        self.plant.add(tick.lateness_ns(), self.shape.step_ns);
+    /// Whether the plant has done its last step of the window.
+    #[must_use]
+    pub fn plant_is_done(&self) -> bool {
+        self.ends_with(self.plant.next_step().saturating_sub(1))
+    }
+
+    /// One tick of the plant.
+    ///
+    /// # Errors
+    /// If it cannot be written.
+    pub fn add_plant_row(&mut self, row: &PlantRow) -> Result<(), ExperimentError> {
+        self.plant
+            .write(row)
+            .map_err(write_error(&self.folder, PlantFile::NAME))
     }
 
     /// One of its captures is complete, if it is one of its own.
@@ -175,8 +199,28 @@ impl OpenWindow {
         span: &WindowSpan,
         log_dropped: u64,
     ) -> Result<ClosedWindow, ExperimentError> {
-        let counts = self.control.finish().map_err(write_error(self.folder.path()))?;
+        let missing_rows = self.control.counts().missing();
+        let counts = self
+            .control
+            .finish()
+            .map_err(write_error(&self.folder, ControlFile::NAME))?;
+        let (plant, missing_ticks) = self
+            .plant
+            .finish()
+            .map_err(write_error(&self.folder, PlantFile::NAME))?;
         let shape = &self.shape;
+        let lost = |done: u64, missing: u64| match shape.late_ticks {
+            LateTicks::Lost if span.complete => shape.steps.saturating_sub(done + missing),
+            _ => 0,
+        };
+        let controller = LoopRecord {
+            lost_ticks: lost(counts.lateness.steps(), missing_rows),
+            ..counts.lateness.into_record(shape.step_ns)
+        };
+        let plant = LoopRecord {
+            lost_ticks: lost(plant.steps(), missing_ticks),
+            ..plant.into_record(shape.step_ns)
+        };
         let mut captures = self.captures;
         captures.sort_by_key(|capture| capture.host);
         let mut record = WindowRecord {
@@ -190,11 +234,11 @@ impl OpenWindow {
             started_ns: span.started_ns,
             ended_ns: span.ended_ns,
             steps_expected: shape.steps,
-            steps_done: counts.lateness.steps(),
+            steps_done: controller.steps,
             stale_steps: counts.stale_steps,
             longest_gap_ns: counts.longest_gap_ns,
-            controller: counts.lateness.into_record(shape.step_ns),
-            plant: self.plant.into_record(shape.step_ns),
+            controller,
+            plant,
             clock_jump_ns: ended.unix_offset_ns - self.began.unix_offset_ns,
             log_dropped,
             cpu_share: ended.cpu_share_since(&self.began),
@@ -210,6 +254,7 @@ impl OpenWindow {
         };
         let expected = Expectation {
             step_ns: shape.step_ns,
+            steps_per_period: shape.steps_per_period,
             captures: shape.captures,
             limits: &shape.limits,
         };
@@ -235,8 +280,8 @@ pub struct WindowSpan {
     pub complete: bool,
 }
 
-fn write_error(folder: &Path) -> impl Fn(io::Error) -> ExperimentError {
-    let path = folder.join(ControlFile::NAME);
+fn write_error(folder: &WindowFolder, name: &str) -> impl Fn(io::Error) -> ExperimentError {
+    let path = folder.path().join(name);
     move |source| ExperimentError::Write {
         path: path.clone(),
         source,

@@ -14,6 +14,7 @@ use std::{
     thread,
 };
 
+use nix::unistd::Pid;
 use rtrb::Consumer;
 
 use super::{
@@ -22,7 +23,6 @@ use super::{
     notice_board::NoticeBoard,
     open_window::{ClosedWindow, OpenWindow, WindowShape, WindowSpan},
     reporter::Reporter,
-    schedule::Tick,
     snapshot::{Snapshot, unix_offset_ns},
     window_folder::WindowFolder,
 };
@@ -31,7 +31,7 @@ use crate::{
     causes::with_causes,
     network::Network,
     realtime::{monotonic_ns, priority::step_back, sleep_until, unix_ns},
-    record::{control_log::ControlRow, progress::Progress},
+    record::{control_log::ControlRow, plant_log::PlantRow, progress::Progress},
     virtual_host::VirtualHost,
 };
 
@@ -61,8 +61,8 @@ pub enum Ending {
 pub struct Sources<'a> {
     /// The controller's rows.
     pub rows: Consumer<ControlRow>,
-    /// The plant's ticks.
-    pub ticks: Consumer<Tick>,
+    /// The plant's rows.
+    pub plant_rows: Consumer<PlantRow>,
     /// The running captures.
     pub captures: Vec<(VirtualHost, Capture)>,
     /// The links.
@@ -71,6 +71,8 @@ pub struct Sources<'a> {
     pub board: NoticeBoard,
     /// What is shared with the loops.
     pub shared: Shared,
+    /// The processes of the nodes, beside this one.
+    pub processes: Vec<Pid>,
 }
 
 /// Records a run, window after window.
@@ -135,7 +137,7 @@ impl<'a> Recorder<'a> {
             log_dropped_before: 0,
         };
         recorder.announce_next()?;
-        let began = Snapshot::take(recorder.sources.network);
+        let began = Snapshot::take(recorder.sources.network, &recorder.sources.processes);
         recorder.open_next(began)?;
         Ok(recorder)
     }
@@ -179,7 +181,7 @@ impl<'a> Recorder<'a> {
         loop {
             sleep_until(look_ns);
             look_ns = monotonic_ns() + DRAIN_EVERY_NS;
-            let loops_ended = self.sources.rows.is_abandoned() && self.sources.ticks.is_abandoned();
+            let loops_ended = self.sources.rows.is_abandoned() && self.sources.plant_rows.is_abandoned();
             self.drain()?;
             self.look_after()?;
             if loops_ended {
@@ -192,7 +194,7 @@ impl<'a> Recorder<'a> {
         Ok(ending)
     }
 
-    /// Empties both queues. A tick of a window that is not open yet stays in its queue.
+    /// Empties both queues. A row of the plant of a window that is not open yet stays in its queue.
     fn drain(&mut self) -> Result<(), ExperimentError> {
         while let Ok(row) = self.sources.rows.pop() {
             // Rows may have been lost at the end of the window before.
@@ -211,7 +213,7 @@ impl<'a> Recorder<'a> {
                 continue;
             };
             window.add_row(&row)?;
-            let done = window.counts().lateness.steps() == self.shape.steps;
+            let done = window.ends_with(row.step);
             if !self.health.measuring {
                 self.health.measuring = true;
                 self.reporter.say(&Progress::Measuring {
@@ -229,16 +231,16 @@ impl<'a> Recorder<'a> {
             closing,
             ..
         } = self;
-        while let Ok(tick) = sources.ticks.peek().copied() {
+        while let Ok(row) = sources.plant_rows.peek().copied() {
             let closing = closing.iter_mut().map(|closing| &mut closing.window);
             let Some(window) = closing
                 .chain(current.as_mut())
-                .find(|window| window.contains(tick.step))
+                .find(|window| window.contains(row.step))
             else {
                 break;
             };
-            window.add_tick(&tick);
-            let _ = sources.ticks.pop();
+            window.add_plant_row(&row)?;
+            let _ = sources.plant_rows.pop();
         }
         for (_, capture) in &sources.captures {
             for captured in capture.completed().try_iter() {
@@ -339,7 +341,7 @@ impl<'a> Recorder<'a> {
     }
 
     fn close_current(&mut self, ended_ns: i64, complete: bool) -> Snapshot {
-        let ended = Snapshot::take(self.sources.network);
+        let ended = Snapshot::take(self.sources.network, &self.sources.processes);
         let log_dropped = self.sources.shared.log_dropped.load(Ordering::Relaxed);
         if let Some(window) = self.current.take() {
             self.closing.push_back(Closing {
@@ -423,12 +425,18 @@ impl<'a> Recorder<'a> {
         Ok(())
     }
 
+    /// Whether the plant has done its last step of the window, or a later one.
+    fn plant_is_done(&self, window: &OpenWindow) -> bool {
+        let later = self.sources.plant_rows.peek();
+        window.plant_is_done() || later.is_ok_and(|row| window.ends_with(row.step))
+    }
+
     /// Closes and hands over the windows that are ready, in order.
     fn hand_over(&mut self, closed: &Sender<ClosedWindow>, loops_ended: bool) -> Result<(), ExperimentError> {
         self.drain()?;
         while let Some(front) = self.closing.front() {
             let overdue = monotonic_ns() > front.ended.monotonic_ns + CAPTURE_PATIENCE_NS;
-            let plant_done = loops_ended || front.window.plant_steps() >= self.shape.steps;
+            let plant_done = loops_ended || self.plant_is_done(&front.window);
             if !overdue && (front.window.waits_for_captures() || !plant_done) {
                 return Ok(());
             }

@@ -13,7 +13,7 @@ use std::{
 
 use super::{
     AHEAD_NS,
-    connection::{Side, Tenancy, open_controller, open_plant},
+    connection::{Side, Tenancy},
     doors::Doors,
     emulator_priority,
     error::ExperimentError,
@@ -81,8 +81,8 @@ pub fn rehearse(
     }
     let ended: Vec<_> = threads.into_iter().map(LoopThread::join).collect();
     tenancies.into_iter().for_each(Tenancy::end);
-    master.stop();
-    ended.into_iter().collect()
+    master.stop()?;
+    ended.into_iter().try_for_each(|ended| ended.map(drop))
 }
 
 /// One of our nodes with its loop, which waits to begin.
@@ -96,14 +96,16 @@ fn start(
     let host = part.host();
     match part {
         Part::Plant => {
-            let side = on_host(network, host, || open_plant(settings, uri, notices))?;
-            let (tenancy, ends) = Side::into_parts(side);
+            let side = on_host(network, host, || Ok(Side::open_plant(settings, uri, notices)?))?;
+            let (tenancy, ends) = side.into_parts();
             // Nobody reads what the loop logs: its queue fills, and it goes on.
             Ok((tenancy, LoopThread::plant(settings, ends)?.0))
         }
         Part::Controller => {
-            let side = on_host(network, host, || open_controller(settings, uri, notices))?;
-            let (tenancy, ends) = Side::into_parts(side);
+            let side = on_host(network, host, || {
+                Ok(Side::open_controller(settings, uri, notices)?)
+            })?;
+            let (tenancy, ends) = side.into_parts();
             Ok((tenancy, LoopThread::controller(settings, ends)?.0))
         }
     }

@@ -1,28 +1,83 @@
-//! The newest message at its receiver, from the thread that receives to the loop that uses it. The main functions are
-//! [`states`] and [`commands`]: each gives a subscription's callback and the reader for the loop.
+//! The newest message at its receiver, from the thread that receives to the loop that uses it, and the plant's newest state
+//! from its loop to the thread that answers commands. The main functions are [`states`] and [`commands`]: each gives the
+//! thread's end and the reader for the loop.
 
 use super::message::{CommandMessage, StateMessage};
 use crate::{
     realtime::{
-        latest::{LatestReader, latest},
+        latest::{LatestReader, LatestWriter, latest},
         monotonic_ns,
     },
-    ros::float64_multi_array::decode,
+    settings::Messages,
 };
 
-const STATE_WORDS: usize = StateMessage::FIELDS.len();
+const STATE_WORDS: usize = StateMessage::FIELDS.len() + 1;
 const COMMAND_WORDS: usize = CommandMessage::FIELDS.len();
+
+/// Keeps the newest state.
+#[derive(Debug)]
+pub struct StateWriter {
+    values: LatestWriter<STATE_WORDS>,
+}
 
 /// Reads the newest state.
 #[derive(Debug)]
 pub struct StateReader {
-    values: LatestReader<{ STATE_WORDS + 1 }>,
+    values: LatestReader<STATE_WORDS>,
+}
+
+/// Keeps the newest command.
+#[derive(Debug)]
+pub struct CommandWriter {
+    values: LatestWriter<COMMAND_WORDS>,
 }
 
 /// Reads the newest command.
 #[derive(Debug)]
 pub struct CommandReader {
     values: LatestReader<COMMAND_WORDS>,
+}
+
+/// A place for the newest state.
+#[must_use]
+pub fn states() -> (StateWriter, StateReader) {
+    let (writer, reader) = latest();
+    (StateWriter { values: writer }, StateReader { values: reader })
+}
+
+/// A place for the newest command.
+#[must_use]
+pub fn commands() -> (CommandWriter, CommandReader) {
+    let (writer, reader) = latest();
+    (CommandWriter { values: writer }, CommandReader { values: reader })
+}
+
+impl StateWriter {
+    /// Keeps a state that was received at that time on the monotonic clock.
+    pub fn keep(&mut self, state: &StateMessage, received_ns: i64) {
+        let mut words = [0; STATE_WORDS];
+        let values = state.to_values().into_iter().map(f64::to_bits);
+        words
+            .iter_mut()
+            .zip(values.chain([received_ns as u64]))
+            .for_each(|(word, value)| *word = value);
+        self.values.publish(&words);
+    }
+
+    /// Keeps each state that arrives as a message. One that is none is passed over: it cannot be ours.
+    pub fn receive(mut self, messages: Messages) -> impl FnMut(&[u8]) + Send + 'static {
+        let mut received = 0;
+        move |message: &[u8]| {
+            let received_ns = monotonic_ns();
+            if let Some(mut state) = StateMessage::decode(messages, message) {
+                received += 1;
+                if messages == Messages::Text {
+                    state.seq = received;
+                }
+                self.keep(&state, received_ns);
+            }
+        }
+    }
 }
 
 impl StateReader {
@@ -37,6 +92,22 @@ impl StateReader {
     }
 }
 
+impl CommandWriter {
+    /// Keeps a command.
+    pub fn keep(&mut self, command: &CommandMessage) {
+        self.values.publish(&command.to_values().map(f64::to_bits));
+    }
+
+    /// Keeps each command that arrives as a message.
+    pub fn receive(mut self, messages: Messages) -> impl FnMut(&[u8]) + Send + 'static {
+        move |message: &[u8]| {
+            if let Some(command) = CommandMessage::decode(messages, message) {
+                self.keep(&command);
+            }
+        }
+    }
+}
+
 impl CommandReader {
     /// The newest command.
     #[must_use]
@@ -47,84 +118,45 @@ impl CommandReader {
     }
 }
 
-/// The values of a message. None for one that is of another kind, or has a value that is no number: a plant that was
-/// given one voltage of infinity never comes back from it.
-fn finite<const N: usize>(message: &[u8]) -> Option<[f64; N]> {
-    let values = decode::<N>(message).ok()?;
-    values.iter().all(|value| value.is_finite()).then_some(values)
-}
-
-/// For the topic of states. A message that is none is passed over: it cannot be ours.
-pub fn states() -> (impl FnMut(&[u8]) + Send + 'static, StateReader) {
-    let (mut writer, values) = latest::<{ STATE_WORDS + 1 }>();
-    let receive = move |message: &[u8]| {
-        let received_ns = monotonic_ns();
-        if let Some(values) = finite::<STATE_WORDS>(message) {
-            let mut words = [0; STATE_WORDS + 1];
-            let sources = values
-                .iter()
-                .map(|value| value.to_bits())
-                .chain([received_ns as u64]);
-            words
-                .iter_mut()
-                .zip(sources)
-                .for_each(|(word, source)| *word = source);
-            writer.publish(&words);
-        }
-    };
-    (receive, StateReader { values })
-}
-
-/// For the topic of commands.
-pub fn commands() -> (impl FnMut(&[u8]) + Send + 'static, CommandReader) {
-    let (mut writer, values) = latest::<COMMAND_WORDS>();
-    let receive = move |message: &[u8]| {
-        if let Some(values) = finite::<COMMAND_WORDS>(message) {
-            writer.publish(&values.map(f64::to_bits));
-        }
-    };
-    (receive, CommandReader { values })
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::ros::float64_multi_array::Encoder;
+    use crate::experiment::message::StateEncoder;
+
+    fn receive_three(messages: Messages) -> (StateMessage, i64) {
+        let (writer, reader) = states();
+        let mut receive = writer.receive(messages);
+        assert_eq!(reader.read(), None);
+        let mut encoder = StateEncoder::new(messages);
+        for seq in 5..=7 {
+            let message = StateMessage {
+                seq,
+                stamp_ns: 7_000,
+                ..StateMessage::default()
+            };
+            receive(encoder.encode(&message));
+        }
+        reader.read().unwrap()
+    }
 
     #[test]
     fn a_loop_reads_the_newest_state_and_when_it_came() {
-        let (mut receive, reader) = states();
-        assert_eq!(reader.read(), None);
         let before_ns = monotonic_ns();
-        let mut encoder = Encoder::new(StateMessage::FIELDS);
-        for seq in 1..=3 {
-            let message = StateMessage {
-                seq,
-                stamp_ns: 7,
-                ..StateMessage::default()
-            };
-            receive(encoder.encode(&message.to_values()));
-        }
-        let (state, received_ns) = reader.read().unwrap();
-        assert_eq!((state.seq, state.stamp_ns), (3, 7));
+        let (state, received_ns) = receive_three(Messages::Rates);
+        assert_eq!((state.seq, state.stamp_ns), (7, 7_000));
         assert!(received_ns >= before_ns);
     }
 
     #[test]
-    fn a_message_of_another_kind_is_passed_over() {
-        let (mut receive, reader) = commands();
-        receive(Encoder::new(["seq"]).encode(&[1.0]));
-        assert_eq!(reader.read(), None);
+    fn texts_without_a_number_are_counted_by_their_receiver() {
+        let (state, _) = receive_three(Messages::Text);
+        assert_eq!((state.seq, state.stamp_ns), (3, 7_000));
     }
 
-    #[rstest::rstest]
-    #[case(f64::NAN)]
-    #[case(f64::NEG_INFINITY)]
-    fn a_value_that_is_no_number_does_not_reach_a_loop(#[case] value: f64) {
-        let (mut receive, reader) = commands();
-        let mut encoder = Encoder::new(CommandMessage::FIELDS);
-        receive(encoder.encode(&[1.0, 0.02, 3.0, 4.0]));
-        receive(encoder.encode(&[2.0, 0.04, value, 4.0]));
-        assert_eq!(reader.read().unwrap().seq, 1);
+    #[test]
+    fn a_message_of_another_kind_is_passed_over() {
+        let (writer, reader) = states();
+        writer.receive(Messages::Rates)(b"[0.1 0.2 0.3 0.4 0.5]");
+        assert_eq!(reader.read(), None);
     }
 }

@@ -1,6 +1,8 @@
 //! What is read at each boundary between two windows, so that a window's own share is a difference. The main type is
 //! [`Snapshot`].
 
+use nix::unistd::Pid;
+
 use super::conditions::Counters;
 use crate::{
     network::{Network, release_lateness::ReleaseCounts},
@@ -24,13 +26,13 @@ pub struct Snapshot {
 }
 
 impl Snapshot {
-    /// Now.
+    /// Now. `processes` are those of the nodes, beside this one.
     #[must_use]
-    pub fn take(network: &dyn Network) -> Self {
+    pub fn take(network: &dyn Network, processes: &[Pid]) -> Self {
         Self {
             monotonic_ns: monotonic_ns(),
             unix_offset_ns: unix_offset_ns(),
-            counters: Counters::read(),
+            counters: Counters::read(processes),
             links: network.links(),
             releases: network.release_lateness(),
         }
@@ -42,7 +44,7 @@ impl Snapshot {
         monotonic_ns + self.unix_offset_ns
     }
 
-    /// Share of one core that the process used since `earlier`.
+    /// Share of one core that the workload used since `earlier`.
     #[must_use]
     pub fn cpu_share_since(&self, earlier: &Self) -> f64 {
         let used_ns = self.counters.own_cpu_ns - earlier.counters.own_cpu_ns;

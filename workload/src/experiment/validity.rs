@@ -16,6 +16,8 @@ use crate::{
 pub struct Expectation<'a> {
     /// Length of a step.
     pub step_ns: i64,
+    /// Control steps of a period.
+    pub steps_per_period: u64,
     /// How many captures there were to be.
     pub captures: usize,
     /// What it may suffer.
@@ -27,7 +29,7 @@ pub struct Expectation<'a> {
 pub fn judge(record: &WindowRecord, expected: &Expectation<'_>) -> (Verdict, Vec<String>) {
     let limits = expected.limits;
     let mut findings = Findings::default();
-    completeness(record, &mut findings);
+    completeness(record, expected, &mut findings);
     timing("controller", &record.controller, expected, &mut findings);
     timing("plant", &record.plant, expected, &mut findings);
     let step_ns = nanoseconds(expected.step_ns);
@@ -136,12 +138,25 @@ impl Measured for Bytes {
 }
 
 /// What is missing has no limit: the report needs every step.
-fn completeness(record: &WindowRecord, findings: &mut Findings) {
+fn completeness(record: &WindowRecord, expectation: &Expectation<'_>, findings: &mut Findings) {
     let (done, expected) = (record.steps_done, record.steps_expected);
+    let lost = record.controller.lost_ticks;
     if !record.complete {
         findings.invalid(format!("The window was cut after {done} of {expected} steps."));
-    } else if done != expected {
-        findings.invalid(format!("The log has {done} steps, not {expected}."));
+    } else if done + lost != expected {
+        let besides = besides(lost);
+        findings.invalid(format!("The log has {done} steps, not {expected}{besides}."));
+    }
+    // Without a step there is no error to average over the period.
+    let period_ns = u64::try_from(expectation.step_ns)
+        .unwrap_or(0)
+        .saturating_mul(expectation.steps_per_period);
+    let gap_ns = nanoseconds(record.longest_gap_ns);
+    if gap_ns > period_ns {
+        findings.invalid(format!(
+            "For {} no control step was done, longer than a period.",
+            span(gap_ns).in_words()
+        ));
     }
     if record.log_dropped > 0 {
         findings.invalid(format!(
@@ -149,11 +164,19 @@ fn completeness(record: &WindowRecord, findings: &mut Findings) {
             record.log_dropped
         ));
     }
-    if record.complete && record.plant.steps != expected {
+    if record.complete && record.plant.steps + record.plant.lost_ticks != expected {
         findings.invalid(format!(
-            "The plant did {} steps, not {expected}.",
-            record.plant.steps
+            "The plant did {} steps, not {expected}{}.",
+            record.plant.steps,
+            besides(record.plant.lost_ticks)
         ));
+    }
+}
+
+fn besides(lost: u64) -> String {
+    match lost {
+        0 => String::new(),
+        lost => format!(", and {lost} ticks were lost"),
     }
 }
 
@@ -250,6 +273,7 @@ mod tests {
     fn expected(limits: &ValiditySettings) -> Expectation<'_> {
         Expectation {
             step_ns: STEP_NS,
+            steps_per_period: 5000,
             captures: 1,
             limits,
         }

@@ -8,6 +8,8 @@
 //!                          ovs-testcontroller, on a free port of 127.0.0.1
 //! ```
 //!
+//! Open vSwitch forwards in the kernel where that has the module, and in its daemon otherwise; the transcript says which.
+//!
 //! A Python program ([`script`]) holds the network, since Mininet's is Python's; the nodes run here, in the namespaces
 //! of Mininet's hosts. The bridge and its ports have a name of their own in each network, so that several can be on one
 //! machine, beside Mininets of others.
@@ -21,15 +23,12 @@ mod owner;
 mod script;
 
 use std::{
-    path::Path,
     sync::{Mutex, MutexGuard, PoisonError},
     time::Duration,
 };
 
-use nix::sys::utsname::uname;
-
 pub use self::error::MininetError;
-use self::script::{Done, Impair, Request, Script, Transcript, Up};
+use self::script::{Datapath, Done, Impair, Request, Script, Transcript, Up};
 use super::{
     Network, NetworkError,
     kernel::{counts, tools},
@@ -68,8 +67,9 @@ impl Mininet {
         }
         // Any 32 of the bits will do.
         let name = format!("{PREFIX}{:08x}", random_seed() as u32);
+        let datapath = datapath()?;
         let mut script = Script::start()?;
-        let Up { pids, ports } = script.ask(&Request::up(&name, settings), PATIENCE)?;
+        let Up { pids, ports } = script.ask(&Request::up(&name, datapath, settings), PATIENCE)?;
         let [h1, sta1, sta2] = pids.map(Namespace::of_process);
         Ok(Self {
             script: Mutex::new(script),
@@ -167,7 +167,7 @@ pub fn survey() -> Result<(), NetworkError> {
             other => other,
         })?;
     }
-    look_for_datapath()?;
+    datapath()?;
     let namespace = Namespace::create()?;
     for command in [
         "qdisc add dev lo root handle 5:0 htb default 1",
@@ -200,21 +200,13 @@ fn maps_one_user(uid_map: &str) -> bool {
     uid_map.split_whitespace().nth(2) == Some("1")
 }
 
-/// Open vSwitch's part of the kernel: loaded, or built in.
-fn look_for_datapath() -> Result<(), NetworkError> {
-    let built_in = || {
-        let kernel = uname().map(|names| names.release().to_string_lossy().into_owned());
-        let modules = kernel.map(|kernel| format!("/lib/modules/{kernel}/modules.builtin"));
-        let list = modules.ok().and_then(|path| std::fs::read_to_string(path).ok());
-        list.is_some_and(|list| list.lines().any(|line| line.ends_with("/openvswitch.ko")))
-    };
-    if Path::new("/sys/module/openvswitch").exists() || built_in() {
-        Ok(())
-    } else {
-        Err(NetworkError::KernelLacks {
-            part: "openvswitch",
-            module: "openvswitch",
-        })
+/// The kernel's datapath where the kernel has it, or loads it when it is asked for; the daemon's own otherwise. One is made in
+/// a namespace that is dropped.
+fn datapath() -> Result<Datapath, NetworkError> {
+    match tools::run(&Namespace::create()?, "ovs-dpctl", &["add-dp", "probe"]) {
+        Ok(_) => Ok(Datapath::Kernel),
+        Err(NetworkError::Command { .. }) => Ok(Datapath::User),
+        Err(other) => Err(other),
     }
 }
 

@@ -6,7 +6,7 @@ use std::{collections::BTreeMap, path::PathBuf};
 use serde::{Deserialize, Serialize};
 
 use super::platform::PlatformRecord;
-use crate::settings::Settings;
+use crate::settings::{Settings, asked_for};
 
 /// What an environment belongs to: `owner.json`, in its folder before anything else.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
@@ -31,6 +31,7 @@ pub struct Start {
     /// What the environment belongs to, with the windows to measure.
     pub owner: Owner,
     /// What the workload is to do.
+    #[serde(deserialize_with = "asked_for")]
     pub settings: Settings,
 }
 

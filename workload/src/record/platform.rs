@@ -109,6 +109,9 @@ pub struct PlatformRecord {
     /// How the kernel's clock is steered; none where that may not be asked for.
     #[serde(default)]
     pub clock: Option<ClockRecord>,
+    /// How the kernel's TCP controls congestion where nothing else is said; the virtual hosts inherit it.
+    #[serde(default)]
+    pub tcp_congestion_control: Option<String>,
     /// Daemons that were seen to run and steer the clock.
     #[serde(default)]
     pub time_daemons: Vec<String>,

@@ -136,6 +136,9 @@ impl Verdict {
 pub struct LoopRecord {
     /// Steps done.
     pub steps: u64,
+    /// Ticks that were lost, since others before them had not ended; none where late ticks are caught up.
+    #[serde(default)]
+    pub lost_ticks: u64,
     /// Steps that began a whole step or more after they were due.
     pub missed_deadlines: u64,
     /// Steps that began more than a tenth of a step late.

@@ -13,6 +13,12 @@ use std::{
 /// Something that happened between this side and a peer.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
 pub enum Notice {
+    /// Something that a node in another process has to say, in its words.
+    #[error("{text}")]
+    Relayed {
+        /// The words.
+        text: String,
+    },
     /// A TCPROS connection was refused: wrong type, malformed header, silence.
     #[error("refused a subscriber from {peer}: {reason}")]
     SubscriberRefused {

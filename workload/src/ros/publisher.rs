@@ -89,21 +89,32 @@ impl Publisher {
         outcome
     }
 
+    /// Who is connected, also while somebody else has the publisher.
+    #[must_use]
+    pub fn subscribers(&self) -> Subscribers {
+        Subscribers(Arc::clone(&self.publication))
+    }
+}
+
+/// The subscribers of a publisher.
+#[derive(Debug, Clone)]
+pub struct Subscribers(Arc<Publication>);
+
+impl Subscribers {
     /// How many are connected.
     #[must_use]
-    pub fn subscribers(&self) -> usize {
-        self.publication.connections.count()
+    pub fn count(&self) -> usize {
+        self.0.connections.count()
     }
 
     /// Waits until `count` subscribers are connected.
     ///
     /// # Errors
     /// [`RosError`] if the topic could not be registered or the time is over.
-    pub fn wait_for_subscribers(&self, count: usize, timeout: Duration) -> Result<(), RosError> {
-        let topic = &self.publication.topic;
-        self.publication
+    pub fn wait_for(&self, count: usize, timeout: Duration) -> Result<(), RosError> {
+        self.0
             .connections
-            .wait_for(count, timeout, topic, "subscribers")
+            .wait_for(count, timeout, &self.0.topic, "subscribers")
     }
 }
 

@@ -81,9 +81,9 @@ fn two_nodes_exchange_messages_both_ways() {
     let (states, state_values) = forward(&controller, "/state");
     let mut command = controller.advertise("command", MESSAGE_TYPE).unwrap();
 
-    state.wait_for_subscribers(1, PATIENCE).unwrap();
+    state.subscribers().wait_for(1, PATIENCE).unwrap();
     states.wait_for_publishers(1, PATIENCE).unwrap();
-    command.wait_for_subscribers(1, PATIENCE).unwrap();
+    command.subscribers().wait_for(1, PATIENCE).unwrap();
     commands.wait_for_publishers(1, PATIENCE).unwrap();
     for number in 0..100 {
         assert_eq!(publish(&mut state, [f64::from(number), 0.5]), 1);
@@ -97,7 +97,7 @@ fn two_nodes_exchange_messages_both_ways() {
             [1.0, f64::from(number)]
         );
     }
-    assert_eq!((state.subscribers(), states.publishers()), (1, 1));
+    assert_eq!((state.subscribers().count(), states.publishers()), (1, 1));
     controller.shutdown();
     plant.shutdown();
     master.stop();
@@ -137,7 +137,7 @@ fn a_publisher_that_ends_and_comes_back_is_found_again() {
     for life in 0..3 {
         let (plant, _) = node("/plant", &master);
         let mut state = plant.advertise("/state", MESSAGE_TYPE).unwrap();
-        state.wait_for_subscribers(1, PATIENCE).unwrap();
+        state.subscribers().wait_for(1, PATIENCE).unwrap();
         assert_eq!(publish(&mut state, [f64::from(life), 0.0]), 1);
         assert_eq!(values.recv_timeout(PATIENCE).unwrap(), [f64::from(life), 0.0]);
         if life == 1 {
@@ -217,7 +217,7 @@ fn a_wrong_type_is_refused_with_its_reason_and_others_are_served(#[case] kind: &
     let mut state = plant.advertise("/state", MESSAGE_TYPE).unwrap();
     let (states, values) = forward(&controller, "/state");
     states.wait_for_publishers(1, PATIENCE).unwrap();
-    state.wait_for_subscribers(1, PATIENCE).unwrap();
+    state.subscribers().wait_for(1, PATIENCE).unwrap();
 
     let header = ConnectionHeader::new([
         ("callerid", "/stranger"),
@@ -259,12 +259,12 @@ fn any_type_is_served_to_who_asks_for_any() {
     let answer = read_header(&mut stream);
     assert_eq!(answer.get("type"), Some(MESSAGE_TYPE.name));
     assert_eq!(answer.get("message_definition"), Some(MESSAGE_TYPE.definition));
-    state.wait_for_subscribers(1, PATIENCE).unwrap();
+    state.subscribers().wait_for(1, PATIENCE).unwrap();
     assert_eq!(publish(&mut state, [1.0, 2.0]), 1);
     let mut length = [0; 4];
     stream.read_exact(&mut length).unwrap();
     drop(stream);
-    while state.subscribers() > 0 {
+    while state.subscribers().count() > 0 {
         std::thread::yield_now();
     }
 }
@@ -282,7 +282,7 @@ fn the_subscriber_decides_about_tcp_nodelay(#[case] asks: bool) {
     let controller = Node::start(config).unwrap();
     let mut state = plant.advertise("/state", MESSAGE_TYPE).unwrap();
     let _states = forward(&controller, "/state");
-    state.wait_for_subscribers(1, PATIENCE).unwrap();
+    state.subscribers().wait_for(1, PATIENCE).unwrap();
     publish(&mut state, [1.0, 2.0]);
     assert_eq!(state.nodelay(), [asks]);
 }
@@ -377,7 +377,7 @@ fn without_a_master_who_waits_learns_it_when_the_patience_is_over() {
     };
     let plant = Node::start(config).unwrap();
     let state = plant.advertise("/state", MESSAGE_TYPE).unwrap();
-    let error = state.wait_for_subscribers(1, PATIENCE).unwrap_err();
+    let error = state.subscribers().wait_for(1, PATIENCE).unwrap_err();
     assert!(matches!(error, RosError::MasterUnreachable { .. }), "{error}");
     assert!(error.hint().is_some());
     plant.shutdown();
@@ -401,7 +401,7 @@ fn a_master_that_comes_late_is_found() {
         .find(|notice| matches!(notice, Notice::MasterCallFailed { .. }))
         .unwrap();
     let master = Master::start(TcpListener::bind(address).unwrap(), Notices::ignored()).unwrap();
-    state.wait_for_subscribers(1, PATIENCE).unwrap();
+    state.subscribers().wait_for(1, PATIENCE).unwrap();
     states.wait_for_publishers(1, PATIENCE).unwrap();
     master.stop();
 }
@@ -416,7 +416,7 @@ fn a_master_that_restarts_is_told_again_and_messages_flow_meanwhile() {
     let mut state = plant.advertise("/state", MESSAGE_TYPE).unwrap();
     let (states, values) = forward(&controller, "/state");
     states.wait_for_publishers(1, PATIENCE).unwrap();
-    state.wait_for_subscribers(1, PATIENCE).unwrap();
+    state.subscribers().wait_for(1, PATIENCE).unwrap();
     for life in 0..3 {
         master.stop();
         // Nobody is there for a moment, and nobody minds.
@@ -434,9 +434,9 @@ fn a_master_that_restarts_is_told_again_and_messages_flow_meanwhile() {
         let (stranger, _) = node("/stranger", &master);
         let (seen, _) = forward(&stranger, "/state");
         seen.wait_for_publishers(1, PATIENCE).unwrap();
-        state.wait_for_subscribers(2, PATIENCE).unwrap();
+        state.subscribers().wait_for(2, PATIENCE).unwrap();
         stranger.shutdown();
-        while state.subscribers() > 1 {
+        while state.subscribers().count() > 1 {
             std::thread::yield_now();
         }
         publish(&mut state, [-1.0, 0.0]);

@@ -51,7 +51,7 @@ impl Need {
         }
     }
 
-    /// The paper's settings but for those that make this need.
+    /// The default settings but for those that make this need.
     #[must_use]
     pub fn settings(&self) -> Settings {
         let mut settings = Settings::default();

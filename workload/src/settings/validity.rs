@@ -118,6 +118,12 @@ pub struct Limits<T> {
 }
 
 impl<T> Limits<T> {
+    /// No limits.
+    pub const NEVER: Self = Self {
+        suspect: Limit::Never,
+        invalid: Limit::Never,
+    };
+
     fn suspect(above: T) -> Self {
         Self {
             suspect: Limit::Above(above),

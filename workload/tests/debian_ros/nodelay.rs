@@ -11,7 +11,8 @@ use workload::{record::progress::Progress, ros::float64_multi_array::Encoder};
 use crate::stage::{Stage, machine};
 
 /// A message on every 20 ms, and 40 ms to an acknowledgement; no losses, whose repair would look the same.
-const SETTINGS: &str = r#""windows":1,"window":"10s","period":"1s","network":{"jitter":"0ms","loss":"0%"}"#;
+const SETTINGS: &str =
+    r#""dynamics":"robust","windows":1,"window":"10s","period":"1s","network":{"jitter":"0ms","loss":"0%"}"#;
 
 /// What was sent to one subscriber.
 #[derive(Debug, Default)]

@@ -38,10 +38,7 @@ impl<'a> Reader<'a> {
     fn visit<'de, V: Visitor<'de>>(self, visitor: V) -> Result<V::Value, TypeError> {
         let visited = match &self.node.content {
             Content::Scalar { text, value } => visit_scalar(text, value, visitor),
-            Content::List(items) => visitor.visit_seq(Items {
-                reader: self,
-                items: items.iter(),
-            }),
+            Content::List(items) => self.visit_list(items, visitor),
             Content::Mapping(entries) => visitor
                 .visit_map(Entries {
                     reader: self,
@@ -51,6 +48,18 @@ impl<'a> Reader<'a> {
                 .map_err(|error| self.mark_what_follows(error)),
         };
         visited.map_err(|error| error.at(self.node.span))
+    }
+
+    fn visit_list<'de, V: Visitor<'de>>(self, items: &[Node], visitor: V) -> Result<V::Value, TypeError> {
+        let mut items = Items {
+            reader: self,
+            items: items.iter(),
+        };
+        let visited = visitor.visit_seq(&mut items)?;
+        match items.items.next() {
+            None => Ok(visited),
+            Some(more) => Err(TypeError::from(Wrong::TooMany).at(more.span)),
+        }
     }
 
     /// A key that is missing because it was left out is no error of its own.

@@ -8,6 +8,7 @@ use std::{
 
 use bollard::{
     body_full,
+    container::LogOutput,
     query_parameters::{
         CreateContainerOptionsBuilder, LogsOptionsBuilder, StartContainerOptions,
         UploadToContainerOptionsBuilder,
@@ -58,9 +59,7 @@ pub async fn check(
         .await
         .map_err(failed)?;
     let asked = async {
-        if own.is_none() {
-            put_workload(engine, &name).await?;
-        }
+        put_workload(engine, &name).await?;
         ask(engine, &name).await
     };
     let asked = tokio::time::timeout(PATIENCE, asked).await;
@@ -73,7 +72,9 @@ pub async fn check(
 
 async fn put_workload(engine: &Engine, name: &str) -> Result<(), ProviderError> {
     let workload = image::archive(ACTION, &[image::file_of(engine.workload()?)])?;
-    let options = UploadToContainerOptionsBuilder::default().path("/").build();
+    let options = UploadToContainerOptionsBuilder::default()
+        .path(container::DATA)
+        .build();
     engine
         .api
         .upload_to_container(name, Some(options), body_full(workload.into()))
@@ -90,13 +91,51 @@ async fn ask(engine: &Engine, name: &str) -> Result<CheckRecord, ProviderError> 
         .await
         .map_err(failed)?;
     until_ended(engine, name).await?;
-    let options = LogsOptionsBuilder::default().stdout(true).tail("all").build();
-    let printed: Vec<_> = engine
+    let options = LogsOptionsBuilder::default()
+        .stdout(true)
+        .stderr(true)
+        .tail("all")
+        .build();
+    let logged: Vec<_> = engine
         .api
         .logs(name, Some(options))
         .try_collect()
         .await
         .map_err(failed)?;
-    let printed: Vec<u8> = printed.into_iter().flat_map(|piece| piece.into_bytes()).collect();
-    trial::answer(&printed)
+    let (words, printed): (Vec<_>, Vec<_>) = logged
+        .into_iter()
+        .partition(|piece| matches!(piece, LogOutput::StdErr { .. }));
+    let printed: Vec<u8> = printed.into_iter().flat_map(LogOutput::into_bytes).collect();
+    let words: String = words.iter().map(ToString::to_string).collect();
+    trial::answer(&printed).map_err(|unreadable| unanswered(&words).unwrap_or(unreadable))
+}
+
+/// Why there is no answer, where what was to be done before the workload could not be done and said so.
+fn unanswered(words: &str) -> Option<ProviderError> {
+    let last = words.lines().rfind(|line| !line.trim().is_empty())?;
+    Some(ProviderError::Unsupported {
+        provider: "docker".to_owned(),
+        reason: format!("the container ended before the workload in it could answer: {}", last.trim()),
+        hint: Some(
+            "see whether `providers.docker` gives the `entrypoint` what it needs: `capabilities`, `writable` folders"
+                .to_owned(),
+        ),
+    })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn an_entry_point_that_failed_is_quoted() {
+        let error = unanswered("starting\novsdb-server: Read-only file system\n\n").unwrap();
+        assert!(
+            error
+                .to_string()
+                .ends_with("could answer: ovsdb-server: Read-only file system")
+        );
+        assert!(error.hint().unwrap().contains("`writable` folders"));
+        assert!(unanswered("\n").is_none());
+    }
 }

@@ -2,7 +2,7 @@
 //! are [`workload`], [`check`] and [`reader`].
 //!
 //! The workload makes network namespaces, TAP devices and packet captures and wants real-time priority; each of these
-//! needs one capability. It gets those, and no other, and no network of the engine's.
+//! needs one capability. It gets those, what the matrix file asks for besides, and no network of the engine's.
 
 use std::{collections::HashMap, path::Path};
 
@@ -16,7 +16,7 @@ use crate::provider::{EnvironmentRequest, trial};
 
 /// Where the volume is in the container.
 pub const DATA: &str = "/data";
-/// Where the workload is in the container, in our images by the Dockerfile.
+/// Where the Dockerfile puts the workload in our images.
 const WORKLOAD: &str = "/workload";
 
 /// Each with what it is for.
@@ -42,33 +42,46 @@ pub fn workload(
         .collect();
     ContainerCreateBody {
         host_config: Some(HostConfig {
-            readonly_rootfs: Some(true),
             mounts: Some(vec![volume(request, image)]),
             ..rights_and_limits(settings)
         }),
-        ..running(arguments, &Labels::of_environment(request), &image.name)
+        entrypoint: Some(entrypoint(settings, WORKLOAD.to_owned())),
+        cmd: Some(arguments),
+        ..bare(&Labels::of_environment(request), &image.name)
     }
 }
 
-/// A container in which the workload says whether a need is met: of an image of ours or, where the workload is copied into
-/// it before it is started, of the user's own.
+/// A container in which the workload says whether a need is met, of any image: the workload is copied to [`DATA`], a volume
+/// without a name, before it is started. It is where the measuring one has its data, so that no image is built for it.
 #[must_use]
 pub fn check(need: &Need, settings: &DockerSettings, image: &str) -> ContainerCreateBody {
     ContainerCreateBody {
         // As an image of ours has them, whatever the one below says.
         user: Some("0:0".to_owned()),
         working_dir: Some("/".to_owned()),
-        host_config: Some(rights_and_limits(settings)),
-        ..running(trial::arguments(need).into(), &Labels::of_check(), image)
+        host_config: Some(HostConfig {
+            mounts: Some(vec![Mount {
+                typ: Some(MountType::VOLUME),
+                target: Some(DATA.to_owned()),
+                ..Mount::default()
+            }]),
+            ..rights_and_limits(settings)
+        }),
+        entrypoint: Some(entrypoint(settings, format!("{DATA}{WORKLOAD}"))),
+        cmd: Some(trial::arguments(need).into()),
+        ..bare(&Labels::of_check(), image)
     }
 }
 
-/// The workload as the main process.
-fn running(arguments: Vec<String>, labels: &Labels, image: &str) -> ContainerCreateBody {
+/// What the user's own program becomes, or is started at once: the workload.
+fn entrypoint(settings: &DockerSettings, workload: String) -> Vec<String> {
+    settings.entrypoint.iter().cloned().chain([workload]).collect()
+}
+
+/// A container of that image and ours, with nothing to run.
+fn bare(labels: &Labels, image: &str) -> ContainerCreateBody {
     ContainerCreateBody {
         image: Some(image.to_owned()),
-        entrypoint: strings(&[WORKLOAD]),
-        cmd: Some(arguments),
         hostname: Some("workload".to_owned()),
         labels: Some(labels.write()),
         attach_stdout: Some(false),
@@ -79,10 +92,30 @@ fn running(arguments: Vec<String>, labels: &Labels, image: &str) -> ContainerCre
 
 /// What the workload may do, and how much of the machine it has.
 fn rights_and_limits(settings: &DockerSettings) -> HostConfig {
+    let asked_for = settings.capabilities.iter().map(ToString::to_string);
+    let security = ["no-new-privileges:true".to_owned()];
+    let profile = settings
+        .apparmor
+        .iter()
+        .map(|profile| format!("apparmor={profile}"));
     HostConfig {
-        cap_drop: strings(&["ALL"]),
-        cap_add: strings(&CAPABILITIES),
-        security_opt: strings(&["no-new-privileges:true"]),
+        readonly_rootfs: Some(true),
+        cap_drop: Some(vec!["ALL".to_owned()]),
+        cap_add: Some(
+            CAPABILITIES
+                .map(str::to_owned)
+                .into_iter()
+                .chain(asked_for)
+                .collect(),
+        ),
+        security_opt: Some(security.into_iter().chain(profile).collect()),
+        tmpfs: Some(
+            settings
+                .writable
+                .iter()
+                .map(|folder| (folder.to_string(), String::new()))
+                .collect(),
+        ),
         network_mode: Some("none".to_owned()),
         devices: Some(vec![tun()]),
         // Whatever the engine's default is: this one can be followed from its first line. A size must be given, or
@@ -144,10 +177,6 @@ fn tun() -> DeviceMapping {
     }
 }
 
-fn strings(words: &[&str]) -> Option<Vec<String>> {
-    Some(words.iter().map(ToString::to_string).collect())
-}
-
 fn i64_of(number: u64) -> i64 {
     i64::try_from(number).unwrap_or(i64::MAX)
 }
@@ -189,7 +218,9 @@ mod tests {
             .unwrap();
         assert_eq!(host.cap_drop.unwrap(), ["ALL"]);
         assert_eq!(host.cap_add.unwrap(), CAPABILITIES);
-        assert_eq!(host.privileged, None);
+        assert_eq!(host.security_opt.unwrap(), ["no-new-privileges:true"]);
+        assert_eq!(host.tmpfs.unwrap(), HashMap::new());
+        assert_eq!((host.privileged, host.readonly_rootfs), (None, Some(true)));
         assert_eq!(host.network_mode.unwrap(), "none");
         assert_eq!(host.binds, None);
         assert_eq!(
@@ -199,18 +230,49 @@ mod tests {
     }
 
     #[test]
-    fn a_check_has_the_rights_and_limits_of_a_measurement_and_no_volume() {
+    fn a_check_has_the_rights_and_limits_of_a_measurement_and_a_volume_without_a_name() {
         let settings = DockerSettings {
             memory: Some(Bytes::new(512 << 20)),
-            ..DockerSettings::default()
+            ..with_openvswitch()
         };
         let mut measuring = workload(&request(), &settings, &image()).host_config.unwrap();
         let check = check(&Need::of(&Settings::default()), &settings, "i");
+        let mut checking = check.host_config.unwrap();
+        let mount = checking.mounts.take().unwrap().remove(0);
+        assert_eq!((mount.source, mount.target.as_deref()), (None, Some(DATA)));
         assert_eq!(measuring.mounts.take().map(|mounts| mounts.len()), Some(1));
-        assert_eq!(measuring.readonly_rootfs.take(), Some(true));
-        assert_eq!(check.host_config.unwrap(), measuring);
-        assert_eq!(check.entrypoint.unwrap(), ["/workload"]);
+        assert_eq!(checking, measuring);
+        assert_eq!(check.entrypoint.unwrap(), ["with-openvswitch", "/data/workload"]);
         assert_eq!(check.cmd.unwrap()[0], "check");
+    }
+
+    fn with_openvswitch() -> DockerSettings {
+        DockerSettings {
+            entrypoint: vec!["with-openvswitch".to_owned()],
+            capabilities: vec!["SETGID".to_owned().try_into().unwrap()],
+            writable: vec!["/run".to_owned().try_into().unwrap()],
+            apparmor: Some("unconfined".to_owned()),
+            ..DockerSettings::default()
+        }
+    }
+
+    #[test]
+    fn what_a_matrix_file_asks_for_comes_beside_what_every_container_has() {
+        let body = workload(&request(), &with_openvswitch(), &image());
+        assert_eq!(body.entrypoint.unwrap(), ["with-openvswitch", "/workload"]);
+        let host = body.host_config.unwrap();
+        assert_eq!(
+            host.cap_add.unwrap(),
+            [CAPABILITIES.as_slice(), &["SETGID"]].concat()
+        );
+        assert_eq!(
+            host.tmpfs.unwrap(),
+            HashMap::from([("/run".to_owned(), String::new())])
+        );
+        assert_eq!(
+            host.security_opt.unwrap(),
+            ["no-new-privileges:true", "apparmor=unconfined"]
+        );
     }
 
     #[test]

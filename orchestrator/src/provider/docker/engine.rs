@@ -11,7 +11,12 @@ use std::{
     time::Duration,
 };
 
-use bollard::{Docker as Api, errors::Error};
+use bollard::{
+    Docker as Api,
+    errors::Error,
+    models::{SystemInfo, SystemVersion},
+};
+use serde::Serialize;
 
 use crate::{
     host::{Forward, Host, Listener, Program, output},
@@ -65,12 +70,51 @@ pub struct Engine {
     pub kernel: String,
     /// The machine of its kernel, as `uname -m` says it.
     pub kernel_machine: String,
+    /// What it makes containers with.
+    pub parts: Parts,
     /// Whether it is on this machine, whose devices are then its own.
     pub is_here: bool,
     /// The socket here that leads there, as long as anybody needs it.
     forward: Option<Arc<Forward>>,
     /// Looked for when it is needed first.
     workload: Arc<OnceLock<Workload>>,
+}
+
+/// What an engine makes containers with, by its own words; none where it does not say.
+#[derive(Debug, Clone, Default, Serialize)]
+pub struct Parts {
+    /// How the layers of images become one file system, such as `overlay2`.
+    storage_driver: Option<String>,
+    /// The runtime of containers that name none, such as `runc`.
+    default_runtime: Option<String>,
+    /// The version of runc.
+    runc_version: Option<String>,
+    /// The version of containerd.
+    containerd_version: Option<String>,
+    /// The version of the host's control groups: `1` or `2`.
+    cgroup_version: Option<String>,
+    /// Who makes control groups: `cgroupfs` or `systemd`.
+    cgroup_driver: Option<String>,
+}
+
+impl Parts {
+    fn of(version: &SystemVersion, info: &SystemInfo) -> Self {
+        let said =
+            |text: Option<&dyn fmt::Display>| text.map(ToString::to_string).filter(|text| !text.is_empty());
+        let component = |name: &str| {
+            let mut components = version.components.iter().flatten();
+            let named = components.find(|component| component.name == name);
+            said(named.map(|component| &component.version as &dyn fmt::Display))
+        };
+        Self {
+            storage_driver: said(info.driver.as_ref().map(|it| it as _)),
+            default_runtime: said(info.default_runtime.as_ref().map(|it| it as _)),
+            runc_version: component("runc"),
+            containerd_version: component("containerd"),
+            cgroup_version: said(info.cgroup_version.as_ref().map(|it| it as _)),
+            cgroup_driver: said(info.cgroup_driver.as_ref().map(|it| it as _)),
+        }
+    }
 }
 
 /// The workload for an engine's machine.
@@ -120,6 +164,7 @@ impl Engine {
         let version = version.map_err(unreachable)?;
         let info = info.map_err(unreachable)?;
         let api = api.map_err(unreachable)?;
+        let parts = Parts::of(&version, &info);
         Ok(Self {
             api,
             version: version.version.unwrap_or_default(),
@@ -128,6 +173,7 @@ impl Engine {
             architecture: version.arch.unwrap_or_default(),
             kernel: version.kernel_version.unwrap_or_default(),
             kernel_machine: info.architecture.unwrap_or_default(),
+            parts,
             is_here: address.starts_with("unix://"),
             forward: None,
             workload: Arc::default(),
@@ -473,6 +519,7 @@ mod tests {
             architecture: architecture.to_owned(),
             kernel: String::new(),
             kernel_machine: kernel_machine.to_owned(),
+            parts: Parts::default(),
             is_here: false,
             forward: None,
             workload: Arc::default(),

@@ -212,10 +212,10 @@ impl Environment for DockerEnvironment {
 /// When the engine refuses.
 pub async fn remove_container(engine: &Engine, name: &str) -> Result<(), ProviderError> {
     let action = format!("removing the container {name}");
-    // Its volumes are removed by name, when nothing needs them any more.
+    // Those of its volumes that have no name go with it. The one that has is removed by it, when nothing needs it any more.
     let options = RemoveContainerOptionsBuilder::default()
         .force(true)
-        .v(false)
+        .v(true)
         .build();
     match engine.api.remove_container(name, Some(options)).await {
         Err(error) if !is_missing(&error) => return Err(translate(&action, error)),

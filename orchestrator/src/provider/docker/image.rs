@@ -15,6 +15,8 @@ use crate::provider::ProviderError;
 
 const DOCKERFILE: &str = include_str!("../../../../dockerfiles/workload.Dockerfile");
 const REPOSITORY: &str = "matrix-workload";
+/// What `dockerfiles/mininet/build` makes.
+const MININET: &str = "matrix-mininet:debian-12";
 
 /// An image on the engine that has our workload in it.
 #[derive(Debug, Clone, PartialEq, Eq)]
@@ -74,9 +76,12 @@ pub async fn base_id(engine: &Engine, base: &str) -> Result<String, ProviderErro
         .ok_or_else(|| ProviderError::Unsupported {
             provider: "docker".to_owned(),
             reason: format!("the engine does not have the image `{base}` that providers.docker.image names"),
-            hint: Some(format!(
-                "fetch or build it first, for instance with `docker pull {base}`: matrix itself pulls nothing"
-            )),
+            hint: Some(match base {
+                MININET => "make it with `dockerfiles/mininet/build` of matrix, or bring it there: docs/network.md".to_owned(),
+                _ => format!(
+                    "fetch or build it first, for instance with `docker pull {base}`: matrix itself pulls nothing"
+                ),
+            }),
         })
 }
 

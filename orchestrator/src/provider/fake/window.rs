@@ -24,7 +24,7 @@ use workload::{
         },
     },
     settings::Settings,
-    simulation::{Delays, Simulation},
+    simulation::{Platform, Simulation},
     virtual_host::VirtualHost,
 };
 
@@ -110,9 +110,9 @@ fn rows(fake: &FakeWindow<'_>) -> Vec<ControlRow> {
     let per_period = settings.steps_per_period().max(1);
     let noise = fake.noise.of_periods(fake.window, settings.periods_per_window());
     // Two ends of a link each way.
-    let delays = Delays::fixed(settings.network.delay.duration() * 2);
+    let platform = Platform::fixed(settings.network.delay.duration() * 2);
     let first = fake.before * settings.steps_per_window();
-    Simulation::new(settings, delays)
+    Simulation::new(settings, &platform, 0)
         .zip(0_u64..)
         .skip(usize::try_from(first).unwrap_or(usize::MAX))
         .take(usize::try_from(fake.steps).unwrap_or(usize::MAX))

@@ -10,6 +10,7 @@ use std::{
     time::Duration,
 };
 
+use serde::{Deserialize, Serialize};
 use serde_json::{Value, json};
 use tokio::time::{Instant, sleep};
 use workload::record::detached::Owner;
@@ -55,6 +56,47 @@ for folder in */; do
     echo
 done
 "#;
+/// Writes the digest of the box's files to `box.sha256` in the machine's folder: of a list as `sha256sum` prints it, in the
+/// order of bytes. Vagrant names the box's folder in `box_meta`, from its own folder on.
+const DIGEST_BOX: &str = r#"
+cd "$1/$2" || exit
+folder=$(sed -n 's/.*"directory" *: *"\([^"]*\)".*/\1/p' .vagrant/machines/machine/*/box_meta)
+case $folder in
+    "") exit ;;
+    /*) ;;
+    *) folder=${VAGRANT_HOME:-$HOME/.vagrant.d}/$folder ;;
+esac
+if command -v sha256sum >/dev/null; then sum() { sha256sum "$@"; }; else sum() { shasum -a 256 "$@"; }; fi
+list=$(cd "$folder" && find . -type f | LC_ALL=C sort | while IFS= read -r file; do sum "$file" || exit; done) &&
+    digest=$(printf '%s\n' "$list" | sum) && echo "${digest%% *}" >box.sha256
+"#;
+/// The digest in a line of its own, which is empty where there is none, then what Vagrant knows of the box.
+const MADE_OF: &str = r#"
+cd "$1/$2" && { cat box.sha256 2>/dev/null || echo; } && cat .vagrant/machines/machine/*/box_meta
+"#;
+
+/// The box that a machine was made of.
+#[derive(Debug, Clone, PartialEq, Eq, Deserialize, Serialize)]
+pub struct MadeOf {
+    /// Its name.
+    name: String,
+    /// Its version; `0` of a box that was made here.
+    version: String,
+    /// SHA-256 of the list of its files with theirs, in hexadecimal; none where it could not be had.
+    sha256: Option<String>,
+}
+
+impl MadeOf {
+    fn read(printed: &str) -> Option<Self> {
+        let (digest, known) = printed.split_once('\n')?;
+        let is_digest = digest.len() == 64 && digest.bytes().all(|byte| byte.is_ascii_hexdigit());
+        let made_of: Self = serde_json::from_str(known).ok()?;
+        Some(Self {
+            sha256: is_digest.then(|| digest.to_owned()),
+            ..made_of
+        })
+    }
+}
 
 /// The folders of machines on a host.
 #[derive(Clone)]
@@ -111,16 +153,21 @@ impl MachineFolders {
         name: &str,
         input: &[u8],
     ) -> Result<String, ProviderError> {
-        let root = self.root.as_os_str();
-        let program = Program::new(
-            "sh",
-            ["-c".as_ref(), script.as_ref(), "sh".as_ref(), root, name.as_ref()],
-        );
+        let program = self.program(script, name);
         let (exit, said) = output(self.host.as_ref(), &program, input, ASKING).await?;
         if !exit.success() {
             return Err(self.refused(action, None, exit.last_words.trim().to_owned().into()));
         }
         Ok(String::from_utf8_lossy(&said).into_owned())
+    }
+
+    /// A script, at work in a machine's folder.
+    fn program(&self, script: &str, name: &str) -> Program {
+        let root = self.root.as_os_str();
+        Program::new(
+            "sh",
+            ["-c".as_ref(), script.as_ref(), "sh".as_ref(), root, name.as_ref()],
+        )
     }
 
     fn refused(&self, action: &str, hint: Option<String>, source: crate::provider::Cause) -> ProviderError {
@@ -188,6 +235,21 @@ impl Machine {
         )
         .await
         .map(drop)
+    }
+
+    /// Reads all of its box, some seconds for a gigabyte; to be called before anything is measured on the host. A box
+    /// whose digest cannot be had has none, and costs no window.
+    pub async fn digest_box(&self) {
+        let program = self.folders.program(DIGEST_BOX, &self.name);
+        let _ = output(self.folders.host.as_ref(), &program, b"", MAKING).await;
+    }
+
+    /// The box that it was made of; none where Vagrant has not written it down.
+    pub async fn made_of(&self) -> Option<MadeOf> {
+        let said = self
+            .folders
+            .shell("asking for the machine's box", MADE_OF, &self.name, b"");
+        MadeOf::read(&said.await.ok()?)
     }
 
     /// Its state in Vagrant's words: `running`, `shutoff`, `poweroff`, `not_created`, …
@@ -395,7 +457,49 @@ fn archive(files: &[(&str, &str)]) -> std::io::Result<Vec<u8>> {
 
 #[cfg(test)]
 mod tests {
+    use std::fs;
+
+    use sha2::{Digest as _, Sha256};
+
     use super::*;
+    use crate::{host::Here, state_directory::StateDirectory};
+
+    /// A machine's folder as Vagrant 2.3.4 leaves it, and a box with two files.
+    #[tokio::test]
+    async fn a_box_is_known_by_the_content_of_its_files() {
+        let folder = tempfile::tempdir().unwrap();
+        let there = folder.path().join("box dir/0/libvirt");
+        fs::create_dir_all(&there).unwrap();
+        fs::write(there.join("metadata.json"), "{}").unwrap();
+        fs::write(there.join("box.img"), "disk").unwrap();
+        let known = folder.path().join("machines/m/.vagrant/machines/machine/libvirt");
+        fs::create_dir_all(&known).unwrap();
+        let meta =
+            json!({"name": "matrix/debian-12", "version": "0", "provider": "libvirt", "directory": there});
+        fs::write(known.join("box_meta"), meta.to_string()).unwrap();
+
+        let host: Arc<dyn Host> = Arc::new(Here::new("here", StateDirectory::of_this_user()));
+        let folders = MachineFolders::beside(host, &folder.path().join("environments"));
+        let machine = folders.machine("m", "libvirt");
+        let made_of = |sha256| {
+            Some(MadeOf {
+                name: "matrix/debian-12".to_owned(),
+                version: "0".to_owned(),
+                sha256,
+            })
+        };
+        assert_eq!(machine.made_of().await, made_of(None));
+
+        machine.digest_box().await;
+        let list = format!(
+            "{:x}  ./box.img\n{:x}  ./metadata.json\n",
+            Sha256::digest("disk"),
+            Sha256::digest("{}")
+        );
+        let digest = Some(format!("{:x}", Sha256::digest(list)));
+        assert_eq!(machine.made_of().await, made_of(digest));
+        assert_eq!(folders.machine("none", "libvirt").made_of().await, None);
+    }
 
     #[test]
     fn a_network_card_is_set_beside_what_else_is_customized() {

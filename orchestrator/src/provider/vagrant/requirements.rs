@@ -3,6 +3,8 @@
 
 use std::{path::Path, time::Duration};
 
+use serde_json::{Map, Value, json};
+
 use super::{VagrantSettings, machine::vagrant, output};
 use crate::{
     host::{Exit, Host, Program, output as run},
@@ -72,6 +74,34 @@ pub async fn version(host: &dyn Host) -> Option<String> {
     Some(printed.trim().trim_start_matches("Vagrant ").to_owned())
 }
 
+/// Versions of what makes a provider's machines, by its name; none where it does not say.
+pub async fn versions(host: &dyn Host, provider: &str) -> Map<String, Value> {
+    let Some((program, arguments)) = requirement(provider).probe else {
+        return Map::new();
+    };
+    // virsh speaks the language of its surroundings.
+    let english = ["LC_ALL=C", program];
+    let program = Program::new("env", english.iter().chain(arguments).copied());
+    match run(host, &program, b"", PATIENCE).await {
+        Ok((exit, printed)) if exit.success() => versions_in(&String::from_utf8_lossy(&printed)),
+        _ => Map::new(),
+    }
+}
+
+/// The versions in what `virsh version` or `VBoxManage --version` printed.
+fn versions_in(printed: &str) -> Map<String, Value> {
+    let version = |line: &str| {
+        let (name, version) = match line.split_once(": ") {
+            Some(("Using library" | "Running hypervisor", named)) => named.split_once(' ')?,
+            // VirtualBox prints nothing but the version, after its warnings.
+            None if line.starts_with(|c: char| c.is_ascii_digit()) => ("virtualbox", line),
+            _ => return None,
+        };
+        Some((name.to_lowercase(), json!(version)))
+    };
+    printed.lines().map(str::trim).filter_map(version).collect()
+}
+
 /// Whether machines of that provider can be made of the box.
 pub async fn survey(host: &dyn Host, provider: &str, settings: &VagrantSettings) -> Availability {
     match look(host, provider, settings).await {
@@ -134,10 +164,7 @@ async fn look(
     if !has_box(&boxes, provider, settings) {
         return Ok(unavailable(
             format!("Vagrant has no box `{}` for {provider}", settings.name),
-            &format!(
-                "vagrant box add {}; `vagrant/box/build` of matrix makes matrix/debian-12 for libvirt",
-                settings.name
-            ),
+            &how_to_get(&settings.name, provider),
         ));
     }
     Ok(Availability::Available {
@@ -146,6 +173,19 @@ async fn look(
             None => "Vagrant".to_owned(),
         },
     })
+}
+
+/// How the box comes to Vagrant.
+fn how_to_get(name: &str, provider: &str) -> String {
+    if name == VagrantSettings::default().name && ["libvirt", "virtualbox"].contains(&provider) {
+        return format!(
+            "vagrant box add --name {name} \"$(vagrant/box/build {provider} ARCHITECTURE)\", with the script of matrix: \
+             vagrant/README.md"
+        );
+    }
+    format!(
+        "vagrant box add {name}; `vagrant/box/build` of matrix makes matrix/debian-12 for libvirt and virtualbox"
+    )
 }
 
 async fn end_of(host: &dyn Host, (program, arguments): Probe) -> Result<Exit, ProviderError> {
@@ -197,6 +237,46 @@ mod tests {
 1795272478,,box-provider,libvirt
 1795272478,,box-version,0
 ";
+
+    /// As virsh of libvirt 9.0.0 printed it.
+    const VIRSH: &str = "\
+Compiled against library: libvirt 9.0.0
+Using library: libvirt 9.0.1
+Using API: QEMU 9.0.1
+Running hypervisor: QEMU 10.0.2
+
+";
+    /// As VirtualBox's manual has it, on a machine without its kernel module.
+    const VBOXMANAGE: &str = "\
+WARNING: The vboxdrv kernel module is not loaded. Either there is no module
+         available for the current kernel (6.1.0-18-amd64) or it failed to
+         load.
+7.0.20r163906
+";
+
+    #[rstest::rstest]
+    #[case(VIRSH, json!({"libvirt": "9.0.1", "qemu": "10.0.2"}))]
+    #[case(VBOXMANAGE, json!({"virtualbox": "7.0.20r163906"}))]
+    #[case("", json!({}))]
+    fn versions_are_read_where_they_are_printed(#[case] printed: &str, #[case] versions: Value) {
+        assert_eq!(Value::Object(versions_in(printed)), versions);
+    }
+
+    #[rstest::rstest]
+    #[case(
+        "matrix/debian-12",
+        "virtualbox",
+        "$(vagrant/box/build virtualbox ARCHITECTURE)"
+    )]
+    #[case("matrix/debian-12", "qemu", "vagrant box add matrix/debian-12; ")]
+    #[case("debian/bookworm64", "libvirt", "vagrant box add debian/bookworm64; ")]
+    fn the_box_that_matrix_makes_comes_with_its_recipe(
+        #[case] name: &str,
+        #[case] provider: &str,
+        #[case] words: &str,
+    ) {
+        assert!(how_to_get(name, provider).contains(words));
+    }
 
     #[rstest::rstest]
     #[case::there("debian/bookworm64", None, "libvirt", true)]

@@ -101,7 +101,7 @@ impl Connection {
 
 fn deliveries(mut packets: Vec<Seen>) -> Vec<(Ports, Delivery)> {
     packets.sort_by_key(|packet| packet.at_ns);
-    let mut exchange = Exchange::default();
+    let mut exchange = Exchange::of(Messages::Rates);
     let mut given = Vec::new();
     for Seen { at_ns, host, frame } in &packets {
         let packet = Packet {
@@ -477,7 +477,7 @@ fn a_whole_connection_needs_the_memory_of_what_is_under_way() {
         &course,
     );
     packets.sort_by_key(|packet| packet.at_ns);
-    let mut exchange = Exchange::default();
+    let mut exchange = Exchange::of(Messages::Rates);
     let mut most = 0;
     for Seen { at_ns, host, frame } in &packets {
         let packet = Packet {

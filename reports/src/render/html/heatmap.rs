@@ -99,10 +99,10 @@ fn windows(report: &Report) -> (Vec<String>, Vec<Field>) {
         .map(|sample| name(&sample.scenario, sample.window))
         .collect();
     let index = |wanted: &str| names.iter().position(|name| name == wanted);
-    let fields = report.comparisons.iter().filter_map(|comparison| {
+    let fields = report.comparisons.rows().filter_map(|comparison| {
         let (a, b) = (
-            name(&comparison.a, comparison.a_window),
-            name(&comparison.b, comparison.b_window),
+            name(comparison.a, comparison.a_window),
+            name(comparison.b, comparison.b_window),
         );
         let test = &comparison.test;
         let verdict = if comparison.rejected {

@@ -3,13 +3,16 @@
 use maud::{Markup, html};
 
 use super::prose;
-use crate::report::{Report, ScenarioReport, Standing, VIRTUALIZATION};
+use crate::report::{Report, ScenarioReport, Standing};
 
 pub(super) fn draw(report: &Report) -> Markup {
     let mut columns: Vec<String> = Vec::new();
     let mut rows: Vec<String> = Vec::new();
     for scenario in &report.scenarios {
-        for (known, value) in [(&mut columns, column(scenario)), (&mut rows, row(scenario))] {
+        for (known, value) in [
+            (&mut columns, scenario.virtualization()),
+            (&mut rows, scenario.platform()),
+        ] {
             if !known.contains(&value) {
                 known.push(value);
             }
@@ -17,7 +20,7 @@ pub(super) fn draw(report: &Report) -> Markup {
     }
     let at = |row_name: &str, column_name: &str| -> Vec<&ScenarioReport> {
         let mut found: Vec<_> = report.scenarios.iter().collect();
-        found.retain(|it| row(it) == row_name && column(it) == column_name);
+        found.retain(|it| it.platform() == row_name && it.virtualization() == column_name);
         found
     };
     html! {
@@ -35,22 +38,6 @@ pub(super) fn draw(report: &Report) -> Markup {
                 } }
             }
         }
-    }
-}
-
-fn column(scenario: &ScenarioReport) -> String {
-    scenario
-        .axis(VIRTUALIZATION)
-        .unwrap_or_else(|| "native".to_owned())
-}
-
-/// The values of all other axes.
-fn row(scenario: &ScenarioReport) -> String {
-    let others = scenario.axes.keys().filter(|axis| *axis != VIRTUALIZATION);
-    let values: Vec<_> = others.filter_map(|axis| scenario.axis(axis)).collect();
-    match values.is_empty() {
-        true => "this machine".to_owned(),
-        false => values.join(" "),
     }
 }
 

@@ -15,7 +15,7 @@ use super::*;
 use crate::{
     network::NetworkError,
     record::window::{LinkRecord, Verdict, WindowRecord},
-    settings::{Limit, ValiditySettings},
+    settings::{Dynamics, LateTicks, Limit, Settings, ValiditySettings},
 };
 
 const STEPS: u64 = 10;
@@ -56,7 +56,7 @@ impl Network for Unlinked {
 }
 
 /// Limits that leave out what the machine that runs the tests is busy with.
-fn still() -> ValiditySettings {
+fn still(late_ticks: LateTicks) -> ValiditySettings {
     let mut limits = ValiditySettings::default();
     limits.other_load.suspect = Limit::Never;
     limits.memory_pressure.suspect = Limit::Never;
@@ -64,6 +64,11 @@ fn still() -> ValiditySettings {
     limits.swapped.suspect = Limit::Never;
     limits.major_faults.suspect = Limit::Never;
     limits.throttled.suspect = Limit::Never;
+    if late_ticks == LateTicks::Lost {
+        let lost = Settings::of(Dynamics::Author).validity;
+        limits.missed_deadlines = lost.missed_deadlines;
+        limits.lateness = lost.lateness;
+    }
     limits
 }
 
@@ -76,28 +81,34 @@ struct Recorded {
 
 struct Loops {
     rows: Producer<ControlRow>,
-    ticks: Producer<Tick>,
+    plant_rows: Producer<PlantRow>,
     stop: Arc<AtomicBool>,
     log_dropped: Arc<AtomicU64>,
 }
 
 impl Loops {
     fn step(&mut self, step: u64) {
-        let due_ns = step as i64 * STEP_NS;
+        self.merged(step, step);
+    }
+
+    /// Of the ticks from `first` to `step` both loops did the last one.
+    fn merged(&mut self, first: u64, step: u64) {
+        let (scheduled_ns, now_ns) = (first as i64 * STEP_NS, step as i64 * STEP_NS);
         self.rows
             .push(ControlRow {
                 step,
-                scheduled_ns: due_ns,
-                actual_ns: due_ns + 1000,
+                scheduled_ns,
+                actual_ns: now_ns + 1000,
                 state_seq: step,
                 ..ControlRow::default()
             })
             .unwrap();
-        self.ticks
-            .push(Tick {
+        self.plant_rows
+            .push(PlantRow {
                 step,
-                due_ns,
-                began_ns: due_ns + 500,
+                scheduled_ns,
+                actual_ns: now_ns + 500,
+                ..PlantRow::default()
             })
             .unwrap();
     }
@@ -108,10 +119,19 @@ impl Loops {
 }
 
 fn record(windows: &[u32], network: &Unlinked, loops_do: impl FnOnce(&mut Loops)) -> Recorded {
+    record_ticks(LateTicks::CaughtUp, windows, network, loops_do)
+}
+
+fn record_ticks(
+    late_ticks: LateTicks,
+    windows: &[u32],
+    network: &Unlinked,
+    loops_do: impl FnOnce(&mut Loops),
+) -> Recorded {
     let data = tempfile::tempdir().unwrap();
     let reporter = Reporter::start(Some(&data.path().join("progress.jsonl")));
     let (rows, row_source) = RingBuffer::new(100);
-    let (ticks, tick_source) = RingBuffer::new(100);
+    let (plant_rows, plant_source) = RingBuffer::new(100);
     let stop = Arc::new(AtomicBool::new(false));
     let log_dropped = Arc::new(AtomicU64::new(0));
     let shared = Shared {
@@ -121,7 +141,7 @@ fn record(windows: &[u32], network: &Unlinked, loops_do: impl FnOnce(&mut Loops)
     };
     let mut loops = Loops {
         rows,
-        ticks,
+        plant_rows,
         stop: stop.clone(),
         log_dropped,
     };
@@ -130,7 +150,8 @@ fn record(windows: &[u32], network: &Unlinked, loops_do: impl FnOnce(&mut Loops)
     let sources = Sources {
         board: NoticeBoard::new(),
         rows: row_source,
-        ticks: tick_source,
+        plant_rows: plant_source,
+        processes: Vec::new(),
         captures: Vec::new(),
         network,
         shared,
@@ -138,10 +159,13 @@ fn record(windows: &[u32], network: &Unlinked, loops_do: impl FnOnce(&mut Loops)
     let shape = WindowShape {
         environment: "test".into(),
         steps: STEPS,
+        steps_per_period: STEPS,
         step_ns: STEP_NS,
+        phase_ns: 0,
+        late_ticks,
         captures: 0,
         network_seed: Some(7),
-        limits: still(),
+        limits: still(late_ticks),
     };
     let recorder = Recorder::begin(sources, shape, windows, data.path(), &reporter).unwrap();
     let outcome = recorder.run();
@@ -163,6 +187,59 @@ impl Recorded {
 }
 
 const WHOLE: Unlinked = Unlinked { broken: false };
+
+#[test]
+fn lost_ticks_are_no_fault_of_a_window_also_where_they_are_its_last_and_first() {
+    let recorded = record_ticks(LateTicks::Lost, &[1, 2], &WHOLE, |loops| {
+        loops.steps(0..3);
+        loops.merged(3, 5);
+        loops.steps(6..8);
+        // The last two of window 1 and the first two of window 2 were due while something took its time.
+        loops.merged(8, 12);
+        loops.steps(13..20);
+    });
+    assert_eq!(recorded.outcome.as_ref().unwrap(), &Ending::Finished);
+    let (one, two) = (recorded.window(1), recorded.window(2));
+    assert_eq!((one.verdict, &one.reasons), (Verdict::Valid, &Vec::new()));
+    assert_eq!(
+        (one.steps_done, one.controller.lost_ticks, one.plant.lost_ticks),
+        (6, 4, 4)
+    );
+    assert_eq!((two.verdict, &two.reasons), (Verdict::Valid, &Vec::new()));
+    assert_eq!(
+        (two.steps_done, two.controller.lost_ticks, two.plant.lost_ticks),
+        (8, 2, 2)
+    );
+}
+
+#[test]
+fn a_row_of_which_nobody_says_that_its_tick_was_lost_is_missing() {
+    let recorded = record_ticks(LateTicks::Lost, &[1], &WHOLE, |loops| {
+        loops.steps(0..3);
+        loops.steps(4..10);
+    });
+    let window = recorded.window(1);
+    assert_eq!(window.verdict, Verdict::Invalid);
+    assert!(
+        window.reasons[0].contains("The log has 9 steps, not 10"),
+        "{:?}",
+        window.reasons
+    );
+}
+
+#[test]
+fn the_plants_log_is_beside_the_controllers() {
+    let recorded = record(&[1], &WHOLE, |loops| loops.steps(0..10));
+    let files: Vec<_> = recorded
+        .window(1)
+        .files
+        .into_iter()
+        .map(|file| file.name)
+        .collect();
+    assert_eq!(files, ["control.csv", "plant.csv"]);
+    let log = fs::read_to_string(recorded.data.path().join("window-1/plant.csv")).unwrap();
+    assert_eq!(log.lines().count(), 11);
+}
 
 #[test]
 fn windows_are_contiguous_and_keep_their_numbers() {
@@ -196,11 +273,13 @@ fn the_log_of_a_window_has_its_own_rows_only() {
 #[test]
 fn a_record_has_the_checksum_of_every_file_beside_it() {
     let recorded = record(&[1], &WHOLE, |loops| loops.steps(0..10));
-    let [file] = recorded.window(1).files.try_into().unwrap();
-    let content = fs::read(recorded.data.path().join("window-1/control.csv")).unwrap();
-    assert_eq!(file.name, "control.csv");
-    assert_eq!(file.bytes, content.len() as u64);
-    assert_eq!(file.sha256, format!("{:x}", Sha256::digest(&content)));
+    let files = recorded.window(1).files;
+    assert_eq!(files.len(), 2);
+    for file in files {
+        let content = fs::read(recorded.data.path().join("window-1").join(&file.name)).unwrap();
+        assert_eq!(file.bytes, content.len() as u64);
+        assert_eq!(file.sha256, format!("{:x}", Sha256::digest(&content)));
+    }
 }
 
 #[test]

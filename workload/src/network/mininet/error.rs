@@ -14,6 +14,12 @@ pub enum MininetError {
         /// What, such as `mnexec`.
         what: String,
     },
+    /// A host's namespaces cannot be made.
+    #[error("Mininet cannot make a host here: {said}")]
+    Refused {
+        /// What `mnexec` said.
+        said: String,
+    },
     /// Open vSwitch's daemons do not answer.
     #[error("Open vSwitch does not answer: {said}")]
     Service {
@@ -51,11 +57,16 @@ impl MininetError {
             Self::NotRoot => Some("run as root, or use `backend: userspace`"),
             Self::Missing { .. } => Some(
                 "use `backend: userspace`, or install it: `apt-get install mininet openvswitch-switch \
-                 openvswitch-testcontroller ethtool`; in a container, name an `image:` that has it",
+                 openvswitch-testcontroller ethtool`; in Docker, name the image of `dockerfiles/mininet/build`",
+            ),
+            Self::Refused { .. } => Some(
+                "use `backend: userspace`, or let the workload mount file systems: in Docker with `apparmor: unconfined` \
+                 under `providers.docker`",
             ),
             Self::Service { .. } => Some(
-                "start it: `systemctl start openvswitch-switch`, or where there is no systemd \
-                 `/usr/share/openvswitch/scripts/ovs-ctl start --system-id=random`; or use `backend: userspace`",
+                "start it: `systemctl start openvswitch-switch`, where there is no systemd \
+                 `/usr/share/openvswitch/scripts/ovs-ctl start --system-id=random`, in Docker `entrypoint: \
+                 [with-openvswitch]` under `providers.docker`; or use `backend: userspace`",
             ),
             Self::Failed { .. } | Self::Silent { .. } | Self::Ended | Self::Puzzling { .. } => None,
         }
@@ -69,6 +80,7 @@ mod tests {
     #[rstest::rstest]
     #[case(MininetError::NotRoot, "run as root")]
     #[case(MininetError::Missing { what: "mnexec".into() }, "apt-get install mininet")]
+    #[case(MininetError::Refused { said: "mount: Permission denied".into() }, "apparmor: unconfined")]
     #[case(MininetError::Service { said: "no such file".into() }, "systemctl start openvswitch-switch")]
     fn what_a_user_can_mend_comes_with_its_fix(#[case] error: MininetError, #[case] fix: &str) {
         let hint = error.hint().unwrap();

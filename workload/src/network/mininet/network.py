@@ -17,7 +17,9 @@ import sys
 transcript = []
 
 # What Mininet and this program run. The controller has several names.
-PROGRAMS = "mn mnexec ip tc ifconfig ethtool telnet setpriv ovs-vswitchd ovs-vsctl ovs-ofctl".split()
+PROGRAMS = (
+    "mn mnexec ip tc ifconfig ethtool telnet setpriv ovs-vswitchd ovs-vsctl ovs-ofctl ovs-appctl ovs-dpctl".split()
+)
 
 # Standard output, of which whatever Mininet or a program prints is kept off.
 answers = os.fdopen(os.dup(1), "w")
@@ -52,6 +54,10 @@ def survey(_request):
             raise Missing(program)
     if not OVSController.isAvailable():
         raise Missing("an OpenFlow controller (ovs-testcontroller)")
+    # A host's namespaces, with a /sys of its own, which not every container may mount.
+    tried = subprocess.run(["mnexec", "-n", "true"], stdout=subprocess.DEVNULL, stderr=subprocess.PIPE)
+    if tried.returncode != 0:
+        return {"refused": tried.stderr.decode(errors="replace").strip()}
     return {}
 
 
@@ -71,8 +77,13 @@ def free_port():
         return listener.getsockname()[1]
 
 
-def classes(offloads):
-    """Mininet's classes with what they keep to themselves: the commands of links, and what fails."""
+def classes(datapath, offloads):
+    """Mininet's classes with what they keep to themselves: the commands of links, and what fails.
+
+    The daemon's own datapath reads packets as they are, so that a checksum which the kernel left out would stay out, and
+    a segment which it did not cut would not fit: there, links have no offloads from the beginning."""
+    offloads_off = {"kernel": "tso off gso off", "user": "tx off tso off gso off"}[datapath]
+    offloads = "none" if datapath == "user" else offloads
     from mininet.link import TCIntf, TCLink
     from mininet.node import Node, OVSController, OVSSwitch
 
@@ -81,7 +92,7 @@ def classes(offloads):
             if offloads == "mininet":
                 return super().config(**params)
             outcome = super().config(txo=False, **params)
-            command = f"ethtool -K {self.name} tso off gso off"
+            command = f"ethtool -K {self.name} {offloads_off}"
             record(command, self.cmd(command))
             return outcome
 
@@ -106,6 +117,9 @@ def classes(offloads):
             return made
 
     class Switch(OVSSwitch):
+        def __init__(self, *args, **kwargs):
+            super().__init__(*args, datapath=datapath, **kwargs)
+
         # In the transaction that makes the bridge, so that none is ever without it.
         def bridgeOpts(self):
             return super().bridgeOpts() + f" external_ids:matrix-owner='\"{owner()}\"'"
@@ -139,7 +153,7 @@ def up(request):
 
     # It would raise limits of the whole machine (`mininet.util.fixLimits`: sysctl) and never take them back.
     mininet.net.Mininet.inited = True
-    link, switch_class, controller_class = classes(request["offloads"])
+    link, switch_class, controller_class = classes(request["datapath"], request["offloads"])
     net = mininet.net.Mininet(
         build=False, link=link, switch=switch_class, controller=controller_class, autoStaticArp=True
     )
@@ -193,6 +207,8 @@ def inspect(_request):
         record(" ".join(command), node.cmd(*command))
 
     look(switch, "ovs-vsctl show")
+    # The datapath: `system@…` is the kernel's, `netdev@…` that of the daemon itself.
+    look(switch, "ovs-appctl --timeout=10 dpif/show")
     look(switch, "ovs-vsctl list Controller", *switch.controllerUUIDs())
     look(switch, "ovs-ofctl dump-flows", switch.name)
     look(switch, "ovs-ofctl dump-ports", switch.name)

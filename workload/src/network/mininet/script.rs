@@ -51,12 +51,23 @@ pub enum Request {
         /// The bridge's, and what all other names begin with.
         name: String,
         hosts: [Host; 3],
+        datapath: Datapath,
         offloads: Offloads,
     },
     /// Impair the links: [`Done`].
     Impair(Impair),
     /// All that was run, and how the network stands: [`Transcript`].
     Inspect,
+}
+
+/// What of Open vSwitch forwards the packets, in Mininet's words.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
+#[serde(rename_all = "lowercase")]
+pub enum Datapath {
+    /// The module `openvswitch`.
+    Kernel,
+    /// The daemon itself.
+    User,
 }
 
 /// A host as Mininet is told of it.
@@ -102,6 +113,7 @@ pub struct Done {}
 #[serde(untagged)]
 enum Answer<T> {
     Missing { missing: String },
+    Refused { refused: String },
     Error { error: String },
     Wanted(T),
 }
@@ -109,10 +121,11 @@ enum Answer<T> {
 impl Request {
     /// Such a network, all names on the machine beginning with `name`.
     #[must_use]
-    pub fn up(name: &str, settings: &NetworkSettings) -> Self {
+    pub fn up(name: &str, datapath: Datapath, settings: &NetworkSettings) -> Self {
         Self::Up {
             name: name.to_owned(),
             hosts: VirtualHost::ALL.map(Host::from),
+            datapath,
             offloads: settings.offloads,
         }
     }
@@ -234,6 +247,7 @@ impl Script {
         match serde_json::from_str(&answer) {
             Ok(Answer::Wanted(wanted)) => Ok(wanted),
             Ok(Answer::Missing { missing: what }) => Err(MininetError::Missing { what }.into()),
+            Ok(Answer::Refused { refused: said }) => Err(MininetError::Refused { said }.into()),
             Ok(Answer::Error { error: said }) => Err(MininetError::Failed { said }.into()),
             Err(_) => Err(MininetError::Puzzling { answer }.into()),
         }

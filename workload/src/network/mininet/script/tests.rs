@@ -20,14 +20,14 @@ fn error(outcome: Result<Done, NetworkError>) -> MininetError {
 #[test]
 fn requests_are_lines_of_json_with_what_mininet_is_told() {
     let settings = NetworkSettings::default();
-    let line = serde_json::to_string(&Request::up("mx0000002a", &settings)).unwrap();
+    let line = serde_json::to_string(&Request::up("mx0000002a", Datapath::Kernel, &settings)).unwrap();
     assert_eq!(
         line,
         r#"{"do":"up","name":"mx0000002a","hosts":["#.to_owned()
             + r#"{"name":"h1","ip":"10.0.0.1/8","mac":"00:00:00:00:00:01"},"#
             + r#"{"name":"sta1","ip":"10.0.0.2/8","mac":"00:00:00:00:00:02"},"#
             + r#"{"name":"sta2","ip":"10.0.0.3/8","mac":"00:00:00:00:00:03"}],"#
-            + r#""offloads":"mininet"}"#
+            + r#""datapath":"kernel","offloads":"mininet"}"#
     );
     let line = serde_json::to_string(&Request::Impair(Impair::from(&settings))).unwrap();
     assert_eq!(
@@ -50,7 +50,10 @@ fn the_answer_is_what_the_program_made() {
         r#"read request; echo '{"pids": [11, 12, 13], "ports": ["mx-eth1", "mx-eth2", "mx-eth3"]}'; read end"#,
     );
     let up: Up = script
-        .ask(&Request::up("mx", &NetworkSettings::default()), LONG)
+        .ask(
+            &Request::up("mx", Datapath::User, &NetworkSettings::default()),
+            LONG,
+        )
         .unwrap();
     assert_eq!(up.pids, [11, 12, 13]);
     assert_eq!(up.ports[2], "mx-eth3");
@@ -59,6 +62,7 @@ fn the_answer_is_what_the_program_made() {
 
 #[rstest::rstest]
 #[case(r#"{"missing": "mnexec"}"#, MininetError::Missing { what: "mnexec".into() })]
+#[case(r#"{"refused": "mount: Permission denied"}"#, MininetError::Refused { said: "mount: Permission denied".into() })]
 #[case(r#"{"error": "no such bridge"}"#, MininetError::Failed { said: "no such bridge".into() })]
 #[case("*** Creating network", MininetError::Puzzling { answer: "*** Creating network".into() })]
 fn an_answer_that_is_not_the_wanted_one_is_an_error(#[case] answer: &str, #[case] expected: MininetError) {
