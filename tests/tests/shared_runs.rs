@@ -7,7 +7,7 @@ use tests::{Ran, Workplace};
 
 const HOSTS: &str = "hosts:\n  \
     here: {connect: local, hardware: x86_64, os: debian-12}\n  \
-    attic-pi: {hardware: aarch64, os: debian-12, connect: {ssh: ada@attic-pi.lovelace.example}}\n";
+    attic-pi: {hardware: aarch64, os: debian-12, connect: {ssh: zuzana@attic-pi.lovelace.example}}\n";
 
 /// A workplace with a run of each scenario that the fake platform of this machine has, measured apart.
 fn measured_apart() -> (Workplace, Vec<String>) {
@@ -102,7 +102,7 @@ fn all_text(folder: &Path) -> String {
 fn a_redacted_copy_can_be_reported_and_not_resumed_and_names_nobody() {
     let (workplace, runs) = measured_apart();
     let folder = workplace.path().display().to_string();
-    assert!(all_text(Path::new(&runs[0])).contains("ada@attic-pi.lovelace.example"));
+    assert!(all_text(Path::new(&runs[0])).contains("zuzana@attic-pi.lovelace.example"));
     let ran = workplace.run(&["redact", &runs[0], &runs[1], "--output", "blind"]);
     assert_eq!(ran.code, Some(0), "{ran:?}");
     assert!(ran.out.contains("attic-pi is host-"), "{ran:?}");
@@ -112,7 +112,7 @@ fn a_redacted_copy_can_be_reported_and_not_resumed_and_names_nobody() {
         .filter(|line| line.starts_with("blind/"))
         .collect();
     let told = all_text(&workplace.path().join("blind"));
-    for secret in ["ada", "attic", "lovelace", folder.as_str()] {
+    for secret in ["zuzana", "attic", "lovelace", folder.as_str()] {
         assert!(!told.contains(secret), "{secret}");
     }
 
