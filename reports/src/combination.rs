@@ -122,7 +122,7 @@ impl Misfits {
         Some(match self.0.first()? {
             Misfit::SameRun { .. } => "name each run directory once".to_owned(),
             Misfit::Declaration { field, .. } => match field.as_str() {
-                "alpha" | "method" | "metric" | "discard_periods" | "warm_up" => format!(
+                "alpha" | "method" | "metric" | "error" | "discard_periods" | "warm_up" => format!(
                     "say which is meant for all of them, with `--{}`",
                     field.replace('_', "-")
                 ),

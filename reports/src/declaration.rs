@@ -28,6 +28,7 @@ pub(crate) fn remark(declared: &ReportSettings, used: &ReportSettings) -> Option
 
 fn values(settings: &ReportSettings) -> Value {
     let mut values = json!({
+        "error": settings.error,
         "warm_up": settings.warm_up,
         "figures": settings.figures,
         "family": settings.family,

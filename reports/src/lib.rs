@@ -63,7 +63,7 @@ mod writing;
 
 pub use render::LatexTable;
 pub use report::{Report, analyse};
-pub use run::{Run, load};
+pub use run::{Run, load, load_by};
 pub use run_directory::ReadError;
 #[cfg(feature = "columns")]
 pub use writing::{WriteError, is_report_folder, write};

@@ -21,7 +21,7 @@ use crate::{
     run::{BrokenWindow, Ending, Run, RunPart, ScenarioRun, Window, WindowState},
     run_directory::{Difference, EnvironmentRecord, Outcome, Revision},
     sample::{Sample, samples},
-    settings::{ReportSettings, WarmUp},
+    settings::{ErrorOf, ReportSettings, WarmUp},
     setup::Unlike,
     table::{self, Table},
     traffic::{self, Explanation, Traffic, TrafficTally},
@@ -250,6 +250,11 @@ pub(crate) fn text_of(value: &Value) -> String {
 /// same report.
 #[must_use]
 pub fn analyse(run: &Run, traffic: Traffic, settings: &ReportSettings) -> Report {
+    // Of the positions that the logs were read for.
+    let settings = &ReportSettings {
+        error: run.error,
+        ..settings.clone()
+    };
     let samples = samples(run, settings);
     let mut faults = Vec::new();
     let (comparisons, tallies) = or_fault(compare(&samples, settings), &mut faults);
@@ -412,10 +417,15 @@ impl Report {
         let ReportSettings {
             alpha,
             metric,
+            error,
             discard_periods,
             warm_up,
             ..
         } = &self.settings;
+        let error = match error {
+            ErrorOf::Received => "",
+            ErrorOf::TruePosition => " of the ball's true position",
+        };
         let discarded = match discard_periods {
             0 => "no period left out".to_owned(),
             1 => "the first period of each run left out".to_owned(),
@@ -435,7 +445,7 @@ impl Report {
             }
         };
         format!(
-            "{} Metric: {} over each period, in metres, {discarded}{cut}. Test: two-sample Kolmogorov-Smirnov, {test}; \
+            "{} Metric: {}{error} over each period, in metres, {discarded}{cut}. Test: two-sample Kolmogorov-Smirnov, {test}; \
              rejected at p < {alpha}.",
             self.dynamics(),
             metric.formula()

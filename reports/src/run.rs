@@ -18,8 +18,9 @@ use crate::{
     redaction::REMARK,
     run_directory::{
         ControlTrace, EnvironmentRecord, Event, Expected, FORMAT, Journal, Manifest, Outcome, PlanRecord,
-        PlannedScenario, ReadError, Revision, RunDirectory, read_record,
+        PlannedScenario, PlantTrace, ReadError, Revision, RunDirectory, read_record,
     },
+    settings::ErrorOf,
 };
 
 /// Everything that a report is made of.
@@ -33,6 +34,8 @@ pub struct Run {
     pub scenarios: Vec<ScenarioRun>,
     /// The run directories that it was read from: one, unless runs were put together.
     pub parts: Vec<RunPart>,
+    /// The positions that the errors of its traces are of.
+    pub error: ErrorOf,
     /// What a reader must know of how it was put together.
     pub remarks: Vec<String>,
 }
@@ -191,15 +194,23 @@ impl ScenarioRun {
     }
 }
 
-/// Reads a run directory, scenarios side by side. Logs are read once and digested: of a run of 28 windows of 6000 s, some
+/// Reads a run directory as its own settings ask for.
+///
+/// # Errors
+/// As [`load_by`].
+pub fn load(path: impl AsRef<Path>) -> Result<Run, ReadError> {
+    load_by(path.as_ref(), None)
+}
+
+/// Reads a run directory, scenarios side by side, for the error of other positions than its settings ask for where that is said. Logs are read once and digested: of a run of 28 windows of 6000 s, some
 /// megabytes stay.
 ///
 /// # Errors
-/// When it is missing, half-written or of a later format, and when the log of a window that would count cannot be used.
-pub fn load(path: impl AsRef<Path>) -> Result<Run, ReadError> {
-    let path = path.as_ref();
+/// When it is missing, half-written or of a later format, and when a log of a window that would count cannot be used.
+pub fn load_by(path: &Path, error: Option<ErrorOf>) -> Result<Run, ReadError> {
     let directory = RunDirectory::new(path);
     let (manifest, plan) = read_plan(&directory)?;
+    let error = error.unwrap_or(manifest.report.error);
     let journal = Journal::read(&directory.journal())?;
     let mut histories = histories(&journal);
     let with_history = |planned: PlannedScenario| {
@@ -210,7 +221,7 @@ pub fn load(path: impl AsRef<Path>) -> Result<Run, ReadError> {
     // Of two that are at fault always the first is told, whichever is read first.
     let scenarios: Vec<Result<ScenarioRun, ReadError>> = scenarios
         .into_par_iter()
-        .map(|(planned, history)| load_scenario(&directory, planned, history))
+        .map(|(planned, history)| load_scenario(&directory, planned, history, error))
         .collect();
     let scenarios: Vec<ScenarioRun> = scenarios.into_iter().collect::<Result<_, _>>()?;
     Ok(Run {
@@ -218,6 +229,7 @@ pub fn load(path: impl AsRef<Path>) -> Result<Run, ReadError> {
         parts: vec![RunPart::of(directory, &manifest, &scenarios, journal.cut_lines)],
         remarks: Vec::from_iter(manifest.redacted.then(|| REMARK.to_owned())),
         manifest,
+        error,
         scenarios,
     })
 }
@@ -317,6 +329,7 @@ fn load_scenario(
     directory: &RunDirectory,
     planned: PlannedScenario,
     history: History,
+    error: ErrorOf,
 ) -> Result<ScenarioRun, ReadError> {
     let environment = directory.environment(&planned.slug);
     let environment: Option<EnvironmentRecord> = if environment.exists() {
@@ -332,7 +345,7 @@ fn load_scenario(
             Ok(Window {
                 number,
                 folder: directory.window(&planned.slug, number),
-                state: load_window(directory, &planned, number)?,
+                state: load_window(directory, &planned, number, error)?,
             })
         })
         .collect::<Result<_, ReadError>>()?;
@@ -379,6 +392,7 @@ fn load_window(
     directory: &RunDirectory,
     planned: &PlannedScenario,
     number: u32,
+    error: ErrorOf,
 ) -> Result<WindowState, ReadError> {
     let folder = directory.window(&planned.slug, number);
     if !folder.exists() {
@@ -405,12 +419,23 @@ fn load_window(
         });
     }
     let log = folder.join("control.csv");
-    let Some(file) = record.files.iter().find(|file| file.name == "control.csv") else {
+    let described = |name: &str| record.files.iter().find(|file| file.name == name);
+    let Some(file) = described("control.csv") else {
         return broken("window.json does not name control.csv".to_owned());
     };
     if !log.exists() {
         return broken("control.csv is missing".to_owned());
     }
+    let truth = match error {
+        ErrorOf::Received => None,
+        ErrorOf::TruePosition => {
+            let path = folder.join("plant.csv");
+            let Some(file) = described("plant.csv") else {
+                return Err(ReadError::NoTruth { path });
+            };
+            Some(PlantTrace::read(&path, file).map_err(|source| ReadError::Log { path, source })?)
+        }
+    };
     let expected = Expected {
         steps: planned.settings.steps_per_window(),
         lost: record.controller.lost_ticks,
@@ -418,8 +443,8 @@ fn load_window(
         steps_per_period: planned.settings.steps_per_period().max(1),
         file,
     };
-    let trace =
-        ControlTrace::read(&log, expected).map_err(|source| ReadError::ControlLog { path: log, source })?;
+    let trace = ControlTrace::read(&log, expected, truth.as_ref())
+        .map_err(|source| ReadError::Log { path: log, source })?;
     Ok(WindowState::Counted {
         record: Box::new(record),
         trace,

@@ -17,19 +17,23 @@ mod control_trace;
 mod environment;
 mod journal;
 mod lines;
+mod log;
 mod manifest;
 mod number;
 mod plan;
+mod plant_trace;
 mod reading;
 
 use std::path::{Path, PathBuf};
 
 pub use clock_drift::ClockDrift;
-pub use control_trace::{ControlLogError, ControlTrace, Expected, Fault, PeriodError, PeriodPath, SLICES};
+pub use control_trace::{ControlTrace, Expected, PeriodError, PeriodPath, SLICES};
 pub use environment::{Difference, EnvironmentRecord};
 pub use journal::{Event, Journal, JournalEntry, Outcome, Resource};
+pub use log::{Fault, LogError};
 pub use manifest::{HostRecord, Manifest, Revision};
 pub use plan::{PlanRecord, PlannedScenario, letter};
+pub use plant_trace::PlantTrace;
 pub(crate) use reading::read_file;
 pub use reading::{ReadError, read_record};
 

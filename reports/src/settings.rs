@@ -21,6 +21,9 @@ pub struct ReportSettings {
     pub method: Method,
     /// What is averaged over each period.
     pub metric: Metric,
+    /// Which positions the error is of: those that the controller received, or the true ones of `plant.csv`.
+    #[serde(skip_serializing_if = "ErrorOf::is_default")]
+    pub error: ErrorOf,
     /// Periods left out at the start of each run of the loop, where it begins with the transient.
     pub discard_periods: u32,
     /// What is done about a window that warms up for longer than that.
@@ -70,6 +73,7 @@ impl Default for ReportSettings {
             alpha: 0.001,
             method: Method::Exact,
             metric: Metric::MeanAbsSum,
+            error: ErrorOf::default(),
             discard_periods: 1,
             warm_up: WarmUp::default(),
             control: BTreeMap::from([("virtualization".to_owned(), "native".to_owned())]),
@@ -100,7 +104,26 @@ impl WarmUp {
     }
 }
 
-/// What is averaged over each period; e is reference minus received position.
+/// The positions of the ball that the error is of.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
+#[serde(rename_all = "kebab-case")]
+pub enum ErrorOf {
+    /// As the controller received them, late and after what was lost: the paper's.
+    #[default]
+    Received,
+    /// Where the ball was when the controller computed, by the plant's log.
+    TruePosition,
+}
+
+impl ErrorOf {
+    #[expect(clippy::trivially_copy_pass_by_ref, reason = "serde passes a reference")]
+    fn is_default(&self) -> bool {
+        *self == Self::default()
+    }
+}
+
+/// What is averaged over each period; e is reference minus position ([`ErrorOf`]).
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 #[serde(rename_all = "kebab-case")]

@@ -114,7 +114,9 @@ fn every_message_of_the_logs_is_in_the_captures(workplace: &Workplace, directory
             // would send them has ended.
             let held_back = count("logged") - count("found");
             let numbers = topic["missing"].as_array().unwrap();
-            let of_the_last = numbers.iter().all(|number| number.as_u64().unwrap() > count("logged") - held_back);
+            let of_the_last = numbers
+                .iter()
+                .all(|number| number.as_u64().unwrap() > count("logged") - held_back);
             assert!(of_the_last && held_back <= 25, "{messages:#}");
             // At the end of the last window some are still under way.
             assert!(

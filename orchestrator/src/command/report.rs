@@ -48,6 +48,9 @@ pub struct ReportArguments {
     /// Another metric than the matrix file's: mean-abs-sum, mean-abs-x, mean-abs-y, mean-distance, root-mean-square.
     #[arg(long)]
     metric: Option<String>,
+    /// The positions that the error is of: received (by the controller), true-position (by the plant's log).
+    #[arg(long, value_name = "POSITIONS")]
+    error: Option<String>,
     /// Another way to p-values than the matrix file's: exact, asymptotic, paper.
     #[arg(long)]
     method: Option<String>,
@@ -73,10 +76,11 @@ pub struct ReportArguments {
 
 impl ReportArguments {
     /// What is asked to differ in how samples are taken and compared.
-    fn of_samples(&self) -> [(ReportOption, &Option<String>); 5] {
+    fn of_samples(&self) -> [(ReportOption, &Option<String>); 6] {
         [
             (ReportOption::ALPHA, &self.alpha),
             (ReportOption::METRIC, &self.metric),
+            (ReportOption::ERROR, &self.error),
             (ReportOption::METHOD, &self.method),
             (ReportOption::DISCARD_PERIODS, &self.discard_periods),
             (ReportOption::WARM_UP, &self.warm_up),
@@ -154,8 +158,19 @@ fn read(arguments: &ReportArguments) -> Result<Run, Complaint> {
             "say where their report goes: `--output DIR`",
         ));
     }
+    // Before anything else: logs are read for it.
+    let error = match &arguments.error {
+        None => None,
+        Some(text) => Some(
+            ReportOption::ERROR
+                .apply(text, &ReportSettings::default(), &[])
+                .map_err(Complaint::of_mistakes)?
+                .0
+                .error,
+        ),
+    };
     let load = |path: &PathBuf| {
-        let mut run = reports::load(path).map_err(|error| unreadable(&error))?;
+        let mut run = reports::load_by(path, error).map_err(|error| unreadable(&error))?;
         // What the call says settles what several runs declared otherwise.
         if arguments.runs.len() > 1 {
             run.manifest.report = arguments.settings(&run, arguments.of_samples())?;

@@ -32,6 +32,8 @@ impl ReportOption {
     });
     /// `--metric`.
     pub const METRIC: Self = Self::new("--metric", "metric", fits);
+    /// `--error`.
+    pub const ERROR: Self = Self::new("--error", "error", fits);
     /// `--method`.
     pub const METHOD: Self = Self::new("--method", "method", fits);
     /// `--discard-periods`.
@@ -134,6 +136,7 @@ mod tests {
     #[case::family(ReportOption::FAMILY, "against-controls", r#""against-controls""#)]
     #[case::pairs(ReportOption::FAMILY, "[[a, b]]", r#"[["a","b"]]"#)]
     #[case::metric(ReportOption::METRIC, "mean-abs-x", r#""mean-abs-x""#)]
+    #[case::error(ReportOption::ERROR, "true-position", r#""true-position""#)]
     #[case::alpha(ReportOption::ALPHA, "0.01", "0.01")]
     fn an_option_takes_what_the_matrix_file_takes(
         #[case] option: ReportOption,
@@ -161,6 +164,7 @@ mod tests {
     #[case::misspelt_family(ReportOption::FAMILY, "against-control")]
     #[case::family_of_no_scenario(ReportOption::FAMILY, "[[a, z]]")]
     #[case::misspelt_metric(ReportOption::METRIC, "mean-abs")]
+    #[case::misspelt_error(ReportOption::ERROR, "true")]
     #[case::alpha_out_of_range(ReportOption::ALPHA, "5")]
     #[case::control_on_no_axis(ReportOption::CONTROL, "{virtualisation: native}")]
     #[case::control_that_is_a_word(ReportOption::CONTROL, "native")]

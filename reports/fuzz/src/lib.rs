@@ -40,7 +40,7 @@ pub fn control_log(bytes: &[u8]) {
             steps_per_period,
             file: &record,
         };
-        match ControlTrace::read(&path, expected) {
+        match ControlTrace::read(&path, expected, None) {
             Ok(trace) => {
                 assert_eq!(trace.periods.len() as u64, steps / steps_per_period);
                 assert!(

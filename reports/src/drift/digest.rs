@@ -26,7 +26,7 @@ use crate::{
 };
 
 /// Raised whenever a night's numbers are taken in another way: what was kept is then read anew.
-const FORMAT: u32 = 1;
+const FORMAT: u32 = 2;
 
 /// What is kept.
 #[derive(Serialize, Deserialize)]

@@ -194,6 +194,7 @@ fn configuration(run: &Run, scenario: &ScenarioRun) -> Value {
         "workload_sha256": run.manifest.workload_sha256,
         "provider": run.manifest.providers.get(&provider),
         "metric": run.manifest.report.metric,
+        "error": run.manifest.report.error,
         "discard_periods": run.manifest.report.discard_periods,
         "warm_up": run.manifest.report.warm_up,
     })

@@ -7,14 +7,14 @@ use super::{
     Figure, FigureError, Kind,
     canvas::{About, Area, Axes, DrawingError, FIRST, SECOND, Sample, drawn, legend, line, pt},
 };
-use crate::{run::ScenarioRun, run_directory::PeriodPath};
+use crate::{run::ScenarioRun, run_directory::PeriodPath, settings::ErrorOf};
 
 /// More points than this are not seen, and make the file large.
 const POINTS: usize = 1000;
 /// For the path in the plane: so that it has one scale both ways.
 const PLANE_PT: f64 = 155.0;
 
-pub(super) fn draw(scenario: &ScenarioRun) -> Result<Option<Figure>, FigureError> {
+pub(super) fn draw(scenario: &ScenarioRun, error: ErrorOf) -> Result<Option<Figure>, FigureError> {
     let Some((window, _, trace)) = scenario.counted().next() else {
         return Ok(None);
     };
@@ -23,9 +23,13 @@ pub(super) fn draw(scenario: &ScenarioRun) -> Result<Option<Figure>, FigureError
         kind: Kind::Trajectory,
         of: planned.id.clone(),
         caption: format!(
-            "One period of target and actual position of {} {}: the last of window {window}. The actual position is as the \
-             controller received it.",
-            planned.id, planned.slug
+            "One period of target and actual position of {} {}: the last of window {window}. The actual position is {}.",
+            planned.id,
+            planned.slug,
+            match error {
+                ErrorOf::Received => "as the controller received it",
+                ErrorOf::TruePosition => "where the ball was",
+            }
         ),
         is_simulated: scenario.is_simulated(),
         height_pt: 165.0,
@@ -56,7 +60,7 @@ type Coordinate = fn(&(f64, f64)) -> f64;
 
 /// The largest coordinate and some room, so that both axes have one scale.
 fn reach(path: &PeriodPath) -> f64 {
-    let points = path.reference_m.iter().chain(&path.received_m);
+    let points = path.reference_m.iter().chain(&path.position_m);
     let farthest = points.map(|(x, y)| x.abs().max(y.abs())).fold(0.0, f64::max);
     if farthest > 0.0 { 1.1 * farthest } else { 1.0 }
 }
@@ -80,7 +84,7 @@ fn curves(path: &PeriodPath) -> [Curve<'_>; 2] {
         Curve {
             name: "actual",
             style: style(FIRST, 0.6),
-            points: &path.received_m,
+            points: &path.position_m,
         },
     ]
 }

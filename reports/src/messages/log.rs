@@ -12,7 +12,7 @@ use workload::{experiment::message::stamp_in_text, settings::Messages};
 use super::frames::Label;
 use crate::{
     packets::Topic,
-    run_directory::{ControlLogError, Fault, ReadError},
+    run_directory::{Fault, LogError, ReadError},
 };
 
 /// A message in the log.
@@ -184,9 +184,9 @@ impl OpenLog {
 }
 
 fn unusable(path: &Path, fault: Fault) -> ReadError {
-    ReadError::ControlLog {
+    ReadError::Log {
         path: path.to_owned(),
-        source: ControlLogError {
+        source: LogError {
             fault,
             changed: false,
         },

@@ -69,6 +69,7 @@ fn fields(report: &Report) -> Value {
         "alpha": settings.alpha,
         "method": settings.method,
         "metric": settings.metric,
+        "error": settings.error,
         "discard_periods": settings.discard_periods,
         "warm_up": settings.warm_up,
         "control": settings.control,

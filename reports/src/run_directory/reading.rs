@@ -8,7 +8,7 @@ use std::{
 
 use serde::{Deserialize, de::DeserializeOwned};
 
-use super::control_trace::ControlLogError;
+use super::log::LogError;
 
 /// Why a run directory cannot be read.
 #[derive(Debug, thiserror::Error)]
@@ -63,11 +63,17 @@ pub enum ReadError {
     },
     /// The log of a window that counts.
     #[error("{} cannot be used", path.display())]
-    ControlLog {
+    Log {
         /// The log.
         path: PathBuf,
         /// What is wrong, and where.
-        source: ControlLogError,
+        source: LogError,
+    },
+    /// A window without the log that the error is asked of.
+    #[error("there is no {}, so the true error is not known", path.display())]
+    NoTruth {
+        /// The log that is not there.
+        path: PathBuf,
     },
     /// The operating system refused.
     #[error("{} cannot be read", path.display())]
@@ -102,7 +108,11 @@ impl ReadError {
             Self::Journal { line, .. } => format!(
                 "only a line that a crash cut may be unreadable, and this is none: restore line {line} from a copy"
             ),
-            Self::ControlLog { source, .. } => source.hint(),
+            Self::Log { source, .. } => source.hint(),
+            Self::NoTruth { .. } => {
+                "report the error that the controller saw, with `--error received`: this run was measured before the plant kept a log"
+                    .into()
+            }
             Self::Io { .. } => "see that the file is there and that you may read it".into(),
         }
     }

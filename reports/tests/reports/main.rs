@@ -14,4 +14,5 @@ mod recorded;
 mod redacted;
 mod synthetic;
 mod tables;
+mod true_position;
 mod written;

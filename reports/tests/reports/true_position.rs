@@ -1,0 +1,119 @@
+//! `report.error: true-position`: the error of where the ball was, by the plant's log.
+
+use std::fs;
+
+use reports::{Traffic, analyse, load_by, settings::ErrorOf};
+use workload::record::plant_log::PlantRow;
+
+use crate::synthetic::{Scenario, Synthetic, file_record, log};
+
+/// Each window has a plant's log by which the ball was a quarter of a metre below its reference.
+fn with_plant_logs() -> Synthetic {
+    let synthetic = Synthetic::new(&[Scenario::measured("x86-debian-native", &[0.1, 0.1])]);
+    for window in [1, 2] {
+        let control = log(u64::from(window) - 1, 0.1, 1);
+        let column = |name: &str| {
+            control
+                .lines()
+                .next()
+                .unwrap()
+                .split(',')
+                .position(|it| it == name)
+                .unwrap()
+        };
+        let columns = ["scheduled_ns", "reference_x_m", "reference_y_m"].map(column);
+        let mut plant = format!("{}\n", PlantRow::HEADER).into_bytes();
+        for (step, line) in (0..).zip(control.lines().skip(1)) {
+            let fields: Vec<&str> = line.split(',').collect();
+            let [actual_ns, x_m, y_m] = columns.map(|at| fields[at]);
+            let row = PlantRow {
+                step,
+                actual_ns: actual_ns.parse().unwrap(),
+                x_m: x_m.parse().unwrap(),
+                y_m: y_m.parse::<f64>().unwrap() - 0.25,
+                ..PlantRow::default()
+            };
+            row.write_to(&mut plant).unwrap();
+        }
+        let plant = String::from_utf8(plant).unwrap();
+        let folder = synthetic.directory.window("x86-debian-native", window);
+        fs::write(folder.join("plant.csv"), &plant).unwrap();
+        let mut described = file_record(&plant);
+        described.name = "plant.csv".to_owned();
+        synthetic.edit_window("x86-debian-native", window, |record| record.files.push(described));
+    }
+    synthetic
+}
+
+#[test]
+fn the_error_is_of_where_the_ball_was_and_the_report_says_so() {
+    let synthetic = with_plant_logs();
+    let run = load_by(synthetic.directory.path(), Some(ErrorOf::TruePosition)).unwrap();
+    let report = analyse(&run, Traffic::default(), &run.manifest.report);
+    for sample in &report.samples {
+        assert!(
+            sample
+                .errors_m
+                .iter()
+                .all(|error_m| (error_m - 0.25).abs() < 1e-12),
+            "{sample:?}"
+        );
+    }
+    assert!(
+        report.method().contains("of the ball's true position"),
+        "{}",
+        report.method()
+    );
+    assert!(
+        report
+            .remarks
+            .iter()
+            .any(|remark| remark.contains("error (`true-position`, declared was `received`)")),
+        "{:?}",
+        report.remarks
+    );
+}
+
+#[test]
+fn the_error_is_of_what_the_controller_received_unless_another_is_asked_for() {
+    let synthetic = with_plant_logs();
+    let run = load_by(synthetic.directory.path(), None).unwrap();
+    let report = analyse(&run, Traffic::default(), &run.manifest.report);
+    assert!(
+        report.samples[0].errors_m.iter().all(|error_m| *error_m < 0.23),
+        "{:?}",
+        report.samples
+    );
+    assert!(!report.method().contains("true position"));
+}
+
+#[test]
+fn a_run_without_the_plants_log_has_no_true_position() {
+    let synthetic = Synthetic::new(&[Scenario::measured("x86-debian-native", &[0.1])]);
+    let error = load_by(synthetic.directory.path(), Some(ErrorOf::TruePosition)).unwrap_err();
+    assert!(
+        error
+            .to_string()
+            .contains("plant.csv, so the true error is not known"),
+        "{error}"
+    );
+    assert!(error.hint().contains("`--error received`"), "{}", error.hint());
+}
+
+#[test]
+fn a_plants_log_that_was_changed_is_not_used() {
+    let synthetic = with_plant_logs();
+    let path = synthetic
+        .directory
+        .window("x86-debian-native", 2)
+        .join("plant.csv");
+    let text = fs::read_to_string(&path).unwrap();
+    fs::write(&path, text.replacen("0.", "1.", 1)).unwrap();
+    let error = load_by(synthetic.directory.path(), Some(ErrorOf::TruePosition)).unwrap_err();
+    let source = std::error::Error::source(&error).unwrap().to_string();
+    assert!(
+        source.contains("not the file that was measured"),
+        "{error}: {source}"
+    );
+    load_by(synthetic.directory.path(), None).unwrap();
+}
