@@ -57,7 +57,8 @@ fn lateness(windows: &[WindowRecord]) -> Option<String> {
 /// Four windows, all but the first of them among strangers, of which all is well but perhaps the times.
 fn windows_among_strangers() -> Vec<WindowRecord> {
     let data = TempDir::new().unwrap();
-    let settings = format!(r#"{{"windows":4,"window":"3s","period":"1s",{SHORT_LINKS}}}"#);
+    let settings =
+        format!(r#"{{"dynamics":"robust","windows":4,"window":"3s","period":"1s",{SHORT_LINKS}}}"#);
     let mut stage = Stage::run(&settings, "1,2,3,4", data.path());
     let stranger = abuse(&stage);
     stage.wait_for(|progress| matches!(progress, Progress::Finished));

@@ -11,7 +11,17 @@ mod nodes;
 mod rostopic;
 mod stage;
 
-/// Settings with short links and that master.
+/// Settings with short links and that master; messages are arrays of numbers.
 fn settings(master: &str) -> String {
-    format!(r#"{{{},"ros":{{"master":"{master}"}}}}"#, stage::SHORT_LINKS)
+    of_dynamics("robust", master)
+}
+
+/// The same, and messages are the author's texts.
+fn authors(master: &str) -> String {
+    of_dynamics("author", master)
+}
+
+fn of_dynamics(dynamics: &str, master: &str) -> String {
+    let links = stage::SHORT_LINKS;
+    format!(r#"{{"dynamics":"{dynamics}",{links},"ros":{{"master":"{master}"}}}}"#)
 }

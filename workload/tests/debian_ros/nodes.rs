@@ -3,7 +3,7 @@
 use rstest::rstest;
 
 use crate::{
-    settings,
+    authors, settings,
     stage::{Stage, machine},
 };
 
@@ -50,6 +50,34 @@ fn a_rospy_controller_steers_our_plant_and_is_found_again_after_its_death(
         controller.kill();
         stage.wait_for_notice("no connection to the publisher of /command");
     }
+    stage.end();
+}
+
+#[rstest]
+fn our_controller_steers_a_rospy_plant_that_speaks_the_authors_texts(
+    #[values("embedded", "rosmaster")] master: &str,
+) {
+    let _machine = machine();
+    let mut stage = Stage::rehearse(&authors(master), &["plant"]);
+    let plant = stage.node("sta2", "author_plant.py", &[]);
+    stage.wait_for_notice("/plant at 10.0.0.3:");
+    plant.wait_for("following");
+    plant.kill();
+    stage.wait_for_notice("no connection to the publisher of /plant_state");
+    stage.end();
+}
+
+#[rstest]
+fn a_rospy_controller_that_speaks_the_authors_texts_steers_our_plant(
+    #[values("embedded", "rosmaster")] master: &str,
+) {
+    let _machine = machine();
+    let mut stage = Stage::rehearse(&authors(master), &["controller"]);
+    let controller = stage.node("sta1", "author_controller.py", &[]);
+    stage.wait_for_notice("/controller at 10.0.0.2:");
+    controller.wait_for("following");
+    controller.kill();
+    stage.wait_for_notice("no connection to the publisher of /control_action");
     stage.end();
 }
 

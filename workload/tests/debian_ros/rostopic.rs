@@ -3,7 +3,7 @@
 use rstest::rstest;
 
 use crate::{
-    settings,
+    authors, settings,
     stage::{Stage, machine},
 };
 
@@ -45,5 +45,32 @@ fn rostopic_lists_describes_prints_and_times_our_topics(#[values("embedded", "ro
     let mut rates = std::iter::repeat_with(|| hz.wait_for("average rate: ")).take(20);
     assert!(rates.any(|line| is_ours(&line)));
     drop(hz);
+    stage.end();
+}
+
+#[rstest]
+fn rostopic_prints_the_authors_texts(#[values("embedded", "rosmaster")] master: &str) {
+    let _machine = machine();
+    let stage = Stage::rehearse(&authors(master), &[]);
+    let list = stage.output("h1", ROSTOPIC, &["list"]);
+    assert_eq!(list, "/control_action\n/plant_state\n");
+    let info = stage.output("sta1", ROSTOPIC, &["info", "/plant_state"]);
+    assert!(info.contains("Type: std_msgs/String"), "{info}");
+    let states = stage.output("h1", ROSTOPIC, &["echo", "-n", "3", "/plant_state"]);
+    let is_state = |line: &&str| {
+        let fields = line
+            .strip_prefix("data: \"[")
+            .and_then(|line| line.strip_suffix("]\""));
+        fields.is_some_and(|fields| {
+            fields
+                .split(' ')
+                .filter(|field| field.parse::<f64>().is_ok())
+                .count()
+                == 5
+        })
+    };
+    assert_eq!(states.lines().filter(is_state).count(), 3, "{states}");
+    let commands = stage.output("h1", ROSTOPIC, &["echo", "-n", "3", "/control_action"]);
+    assert_eq!(commands.matches("&value0=").count(), 3, "{commands}");
     stage.end();
 }

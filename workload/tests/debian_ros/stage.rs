@@ -24,7 +24,7 @@ pub const INSTALL: &str = "apt-get install --no-install-recommends python3-rosma
 /// For whatever is waited for; only hopeless waits are ended by it.
 pub const PATIENCE: Duration = Duration::from_secs(90);
 /// Short links, so that what is looked at is the conversation and not the control task's limits.
-pub const SHORT_LINKS: &str = r#""dynamics":"robust","network":{"delay":"1ms","jitter":"0ms","loss":"0%"}"#;
+pub const SHORT_LINKS: &str = r#""network":{"delay":"1ms","jitter":"0ms","loss":"0%"}"#;
 
 /// They measure times, and a rospy node takes its share of the machine: one after the other.
 static MACHINE: Mutex<()> = Mutex::new(());
