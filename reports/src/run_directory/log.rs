@@ -1,11 +1,7 @@
 //! A log of a window: CSV with a header, whose length and checksum `window.json` has. [`read_log`] reads one; what can be wrong
 //! with it is [`Fault`].
 
-use std::{
-    fs::File,
-    io::{self, Read},
-    path::Path,
-};
+use std::{fs::File, io, path::Path};
 
 use sha2::{Digest, Sha256};
 use workload::record::window::FileRecord;
@@ -149,7 +145,7 @@ pub(super) fn read_log<T>(
 }
 
 /// No ball is ever this far away, in metres.
-const FAR_M: f64 = 1e100;
+pub(super) const FAR_M: f64 = 1e100;
 
 /// The names of a log's columns.
 pub(super) struct Header(Vec<Vec<u8>>);

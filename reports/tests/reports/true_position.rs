@@ -2,7 +2,7 @@
 
 use std::fs;
 
-use reports::{Traffic, analyse, load_by, settings::ErrorOf};
+use reports::{analyse, load_by, settings::ErrorOf, traffic::Traffic};
 use workload::record::plant_log::PlantRow;
 
 use crate::synthetic::{Scenario, Synthetic, file_record, log};
