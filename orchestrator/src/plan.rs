@@ -40,6 +40,8 @@ pub struct Plan {
     pub attainable: Option<Attainable>,
     /// What it can say with the window as the unit; none without a pair.
     pub windows: Option<WindowDesign>,
+    /// The hosts that could not be asked what they can do, and why.
+    pub silent: BTreeMap<String, String>,
     /// What is odd and yet no error, the file's own warnings among it.
     pub warnings: Diagnostics,
 }
@@ -130,6 +132,10 @@ pub fn plan(
         record,
         attainable,
         windows,
+        silent: offers
+            .iter()
+            .filter_map(|offer| Some((offer.host.clone(), offer.silence()?.reason.clone())))
+            .collect(),
         warnings,
     })
 }

@@ -87,3 +87,33 @@ fn doctor_says_of_each_setting_that_needs_something_whether_it_can_be_had() {
         );
     }
 }
+
+#[test]
+fn the_plan_of_the_papers_example_says_of_each_of_the_nine_what_is_missing() {
+    let workplace = Workplace::new();
+    let paper = std::path::Path::new(env!("CARGO_MANIFEST_DIR")).join("../examples/paper.yaml");
+    let ran = workplace.run(&["plan", paper.to_str().unwrap()]);
+    assert_eq!(ran.code, Some(0), "{ran:?}");
+    let line = |id: &str| {
+        let mut lines = ran.out.lines();
+        lines
+            .find(|line| line.trim_start().starts_with(&format!("{id}  ")))
+            .unwrap()
+    };
+    assert!(
+        line("a").ends_with("infeasible: Docker does not run on i686"),
+        "{}",
+        ran.out
+    );
+    assert!(
+        line("e").ends_with("infeasible: mininet does not run on OSX"),
+        "{}",
+        ran.out
+    );
+    for (ids, host) in [("bc", "lab-i686"), ("df", "lab-mac"), ("ghi", "lab-arm")] {
+        for id in ids.chars() {
+            let missing = format!("on {host}, once it answers: cannot reach host `{host}`");
+            assert!(line(&id.to_string()).contains(&missing), "{}", ran.out);
+        }
+    }
+}

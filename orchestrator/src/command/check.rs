@@ -49,7 +49,7 @@ pub async fn execute(arguments: &CheckArguments) -> Result<Exit, Complaint> {
             arguments.file.display()
         ));
         if infeasible().next().is_some() {
-            terminal::result(&plan::lines(infeasible()));
+            terminal::result(&plan::lines(infeasible(), &plan.silent));
         }
     }
     Ok(Exit::Done)

@@ -164,7 +164,7 @@ pub fn as_json(plan: &Plan) -> Value {
 #[must_use]
 pub fn as_text(plan: &Plan) -> String {
     let record = &plan.record;
-    let mut text = lines(record.scenarios.iter());
+    let mut text = lines(record.scenarios.iter(), &plan.silent);
     if record.order.is_empty() {
         text.push_str("nothing can run here\n");
         return text;
@@ -246,9 +246,12 @@ fn data_bytes(plan: &Plan) -> u64 {
         .sum()
 }
 
-/// Scenarios for a person: where each runs, or why it does not.
+/// Scenarios for a person: where each runs, or why it does not. Hosts that could not be asked are `silent`, each with why.
 #[must_use]
-pub fn lines<'a>(scenarios: impl Iterator<Item = &'a PlannedScenario> + Clone) -> String {
+pub fn lines<'a>(
+    scenarios: impl Iterator<Item = &'a PlannedScenario> + Clone,
+    silent: &BTreeMap<String, String>,
+) -> String {
     let mut text = String::new();
     let width = scenarios.clone().map(|scenario| scenario.slug.len()).max();
     let width = width.unwrap_or(0);
@@ -256,7 +259,13 @@ pub fn lines<'a>(scenarios: impl Iterator<Item = &'a PlannedScenario> + Clone) -
         let standing = match (&scenario.reason, &scenario.not_selected) {
             (Some(reason), _) => format!("infeasible: {reason}"),
             (None, Some(why)) => why.clone(),
-            (None, None) => format!("on {}", scenario.host.as_deref().unwrap_or("this machine")),
+            (None, None) => {
+                let host = scenario.host.as_deref().unwrap_or("this machine");
+                match silent.get(host) {
+                    Some(why) => format!("on {host}, once it answers: {why}"),
+                    None => format!("on {host}"),
+                }
+            }
         };
         let _ = writeln!(text, "{:>2}  {:width$}  {standing}", scenario.id, scenario.slug);
         if let Some(fix) = &scenario.fix {

@@ -371,6 +371,10 @@ fn a_host_that_is_out_of_reach_is_tried_when_its_turn_comes_and_after_those_that
     assert!(alone.record.scenarios[0].feasible);
     let warning = alone.warnings.iter().next().unwrap();
     assert_eq!(warning.code, Code::SilentHost);
+    assert_eq!(
+        alone.silent,
+        BTreeMap::from([("one".to_owned(), "connection refused".to_owned())])
+    );
     assert!(
         warning.message.contains("connection refused"),
         "{}",
