@@ -14,7 +14,7 @@ use std::{
 
 use serde::{Serialize, de::DeserializeOwned};
 use serde_json::{Map, Value};
-use workload::record::window::WindowRecord;
+use workload::{record::window::WindowRecord, virtual_host::VirtualHost};
 
 use crate::{
     run::{Ending, Run, ScenarioRun, WindowState},
@@ -359,7 +359,8 @@ impl Found {
 
     fn add(&mut self, kind: &'static str, name: &str) {
         let name = name.trim().to_ascii_lowercase();
-        let says_something = !name.is_empty() && !ANYBODYS.contains(&name.as_str());
+        let is_virtual = VirtualHost::ALL.iter().any(|host| host.name() == name);
+        let says_something = !name.is_empty() && !is_virtual && !ANYBODYS.contains(&name.as_str());
         let is_new = self.names.values().all(|names| !names.contains(&name));
         if says_something && is_new {
             self.names.entry(kind).or_default().insert(name);

@@ -258,7 +258,7 @@ fn a_run_is_read_once_and_again_when_a_file_of_it_is_another() {
     let renamed = fs::read_to_string(&kept).unwrap().replace(&read.run, "kept");
     fs::write(&kept, &renamed).unwrap();
     assert_eq!(night_of(directory.path()).unwrap().run, "kept");
-    for not_true in ["", "{}", &renamed.replacen("\"format\":1", "\"format\":0", 1)] {
+    for not_true in ["", "{}", &renamed.replacen("\"format\":2", "\"format\":0", 1)] {
         fs::write(&kept, not_true).unwrap();
         assert_eq!(night_of(directory.path()).unwrap(), read, "{not_true}");
     }

@@ -234,6 +234,15 @@ fn a_host_that_is_called_as_an_axis_value_keeps_its_name() {
 }
 
 #[test]
+fn the_experiments_own_hosts_keep_their_names() {
+    let run = with_names();
+    edit(&run.directory.environment(MEASURED), |environment| {
+        environment["platform"]["capture"] = json!({"host": "sta1"});
+    });
+    assert_eq!(redaction(&run).text("lab-mac, sta1"), "host-1, sta1");
+}
+
+#[test]
 fn a_slug_that_leaves_the_folder_is_refused() {
     let run = with_names();
     let redaction = redaction(&run);
