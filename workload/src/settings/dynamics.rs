@@ -8,6 +8,7 @@ use super::{
     ControlSettings, ImpairedFrom, Limit, Limits, LoopSettings, NetworkSettings, PlantSettings,
     RealtimeSettings, ReferenceSettings, RosSettings, Settings, ValiditySettings,
 };
+use crate::quantity::TimeSpan;
 
 /// A whole set of rules. Each of them is a setting of its own, which can be written beside it and then counts instead.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize)]
@@ -230,11 +231,13 @@ impl Settings {
                 processes: Processes::Separate,
                 ..robust.loops
             },
-            // A late step is what is measured here, and no fault of the window.
+            // A late step is what is measured here, and no fault of the window. The network emulator shares the processors
+            // with it, scheduled as it is.
             validity: ValiditySettings {
                 missed_deadlines: Limits::NEVER,
                 lateness: Limits::NEVER,
                 gap_steps: Limits::NEVER,
+                release_lateness: Limits::both(TimeSpan::from_millis(5), TimeSpan::from_millis(10)),
                 ..robust.validity
             },
             ..robust

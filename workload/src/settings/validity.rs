@@ -131,7 +131,7 @@ impl<T> Limits<T> {
         }
     }
 
-    fn both(suspect: T, invalid: T) -> Self {
+    pub(super) fn both(suspect: T, invalid: T) -> Self {
         Self {
             suspect: Limit::Above(suspect),
             invalid: Limit::Above(invalid),
