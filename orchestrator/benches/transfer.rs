@@ -23,11 +23,12 @@ use orchestrator::{
     },
     matrix_file::Ssh,
     provider::{
-        Environment as _,
+        Environment as _, EnvironmentRequest,
         detached::{ClockReading, DetachedEnvironment, Keeper},
     },
 };
 use tests::sshd::{Sshd, user};
+use workload::settings::Settings;
 
 const ROUNDS: usize = 7;
 const ENVIRONMENT: &str = "matrix-transfer";
@@ -124,11 +125,23 @@ fn host(sshd: &Sshd, port: u16) -> Arc<dyn Host> {
     Arc::new(SshHost::new("there", ssh, Trust::KnownHosts, client))
 }
 
+fn request() -> EnvironmentRequest {
+    EnvironmentRequest {
+        environment: ENVIRONMENT.to_owned(),
+        run: "transfer".to_owned(),
+        run_directory: "/runs/transfer".into(),
+        scenario: "s".to_owned(),
+        host: "there".to_owned(),
+        settings: Settings::default(),
+        windows: vec![1],
+    }
+}
+
 async fn collect(keeper: &Arc<Keeper>) -> Duration {
     let into = tempfile::tempdir().unwrap();
     let (clock, _) = ClockReading::of(keeper).await.unwrap();
     let facts = serde_json::Map::new();
-    let mut environment = DetachedEnvironment::new(Arc::clone(keeper), ENVIRONMENT, facts, clock, false);
+    let mut environment = DetachedEnvironment::new(Arc::clone(keeper), &request(), facts, clock, false);
     let begun = Instant::now();
     environment.collect(into.path()).await.unwrap();
     begun.elapsed()

@@ -3,27 +3,27 @@
 //! Reading is `reports::run_directory`'s, since a report reads the same lines.
 
 use std::{
-    fs::{File, OpenOptions},
-    io::{Read, Seek, SeekFrom, Write},
-    path::{Path, PathBuf},
+    fs::File,
+    io::{self, Read, Seek, SeekFrom, Write},
+    path::PathBuf,
     time::SystemTime,
 };
 
-use reports::run_directory::{Event, JournalEntry};
+use reports::run_directory::{self, Chain, Event, JournalEntry, OpenOptions, Place};
 
 /// The journal could not be written. Nothing may be created then.
 #[derive(Debug, thiserror::Error)]
 #[error("the journal {} cannot be written", path.display())]
 pub struct JournalError {
     path: PathBuf,
-    source: std::io::Error,
+    source: io::Error,
 }
 
 impl JournalError {
     /// What to do about it.
     #[must_use]
     pub fn hint(&self) -> String {
-        "make room on the disk, or give `--out` a folder that you may write to, then `matrix resume`"
+        "make room on its disk, or let it be written again, then `matrix resume`: what was begun may measure on meanwhile"
             .to_owned()
     }
 }
@@ -33,6 +33,8 @@ impl JournalError {
 pub struct Journal {
     path: PathBuf,
     file: File,
+    /// The checksums of the lines that are there.
+    chain: Chain,
 }
 
 impl Journal {
@@ -40,18 +42,19 @@ impl Journal {
     /// stays visible as what it is and the next line is whole.
     ///
     /// # Errors
-    /// When the file cannot be opened or written.
-    pub fn open(path: &Path) -> Result<Self, JournalError> {
+    /// When the file cannot be read, opened or written.
+    pub fn open(place: &Place) -> Result<Self, JournalError> {
         let fail = |source| JournalError {
-            path: path.to_owned(),
+            path: place.path(),
             source,
         };
-        let mut file = OpenOptions::new()
-            .read(true)
-            .append(true)
-            .create(true)
-            .open(path)
-            .map_err(fail)?;
+        let mut options = OpenOptions::new();
+        options.read(true).append(true);
+        let mut file = match place.open_with(&options) {
+            Err(error) if error.kind() == io::ErrorKind::NotFound => place.create().map_err(fail)?,
+            opened => opened.map_err(fail)?,
+        };
+        let journal = run_directory::Journal::read(place).map_err(|error| fail(io::Error::other(error)))?;
         if file.metadata().map_err(fail)?.len() > 0 {
             let mut last = [0];
             file.seek(SeekFrom::End(-1)).map_err(fail)?;
@@ -61,8 +64,9 @@ impl Journal {
             }
         }
         Ok(Self {
-            path: path.to_owned(),
+            path: place.path(),
             file,
+            chain: journal.chain,
         })
     }
 
@@ -76,12 +80,14 @@ impl Journal {
             path: self.path.clone(),
             source,
         };
-        let mut line = serde_json::to_vec(&entry).map_err(|error| fail(error.into()))?;
-        line.push(b'\n');
+        // One that could not be written is none that the next follows on.
+        let mut chain = self.chain.clone();
+        let line = chain.line(&entry).map_err(|error| fail(error.into()))?;
         self.file
             .write_all(&line)
             .and_then(|()| self.file.sync_data())
             .map_err(fail)?;
+        self.chain = chain;
         Ok(entry)
     }
 }
@@ -99,15 +105,42 @@ mod tests {
     #[test]
     fn a_line_that_a_crash_cut_does_not_swallow_the_next_one() {
         let folder = tempfile::tempdir().unwrap();
-        let path = folder.path().join("events.jsonl");
-        std::fs::write(&path, r#"{"at":"2026-01-01T00:00:00.000Z","event":"run-fin"#).unwrap();
-        Journal::open(&path)
+        let place = Place::root(folder.path()).join("events.jsonl");
+        std::fs::write(
+            place.path(),
+            r#"{"at":"2026-01-01T00:00:00.000Z","event":"run-fin"#,
+        )
+        .unwrap();
+        Journal::open(&place)
             .unwrap()
             .append(Event::RunInterrupted)
             .unwrap();
-        let text = std::fs::read_to_string(&path).unwrap();
+        let text = std::fs::read_to_string(place.path()).unwrap();
         assert_eq!(text.lines().count(), 2);
         let last: JournalEntry = serde_json::from_str(text.lines().last().unwrap()).unwrap();
         assert_eq!(last.event, Event::RunInterrupted);
+    }
+
+    #[test]
+    fn lines_of_two_processes_with_a_cut_one_between_follow_on_each_other() {
+        let folder = tempfile::tempdir().unwrap();
+        let place = Place::root(folder.path()).join("events.jsonl");
+        let start = |pid| Event::RunStarted {
+            pid,
+            resumed: pid > 1,
+            manifest_sha256: None,
+            plan_sha256: None,
+        };
+        for pid in 1..=3 {
+            let mut journal = Journal::open(&place).unwrap();
+            journal.append(start(pid)).unwrap();
+            journal.append(Event::RunInterrupted).unwrap();
+            let mut text = std::fs::read(place.path()).unwrap();
+            text.extend_from_slice(br#"{"at":"2026-01-01T00:00:00.000Z","event":"run-fin"#);
+            std::fs::write(place.path(), text).unwrap();
+        }
+        let read = run_directory::Journal::read(&place).unwrap();
+        assert_eq!((read.entries.len(), read.cut_lines), (6, vec![3, 6, 9]));
+        assert!(read.chain.is_checked());
     }
 }

@@ -5,12 +5,13 @@
 //! dies, however it dies, so that no lease can be left behind.
 
 use std::{
-    fs::{File, OpenOptions, TryLockError},
-    io::{Read, Seek, Write},
-    os::unix::fs::PermissionsExt,
+    fs::{File, Permissions, TryLockError},
+    io::{self, Read, Seek, Write},
+    os::unix::fs::{MetadataExt, PermissionsExt},
     path::{Path, PathBuf},
 };
 
+use reports::run_directory::{OpenOptions, Place};
 use serde::{Deserialize, Serialize};
 
 /// A lease could not be asked for.
@@ -18,7 +19,7 @@ use serde::{Deserialize, Serialize};
 #[error("the lease {} cannot be taken", path.display())]
 pub struct LeaseError {
     path: PathBuf,
-    source: std::io::Error,
+    source: io::Error,
 }
 
 /// Who holds a lease.
@@ -76,38 +77,62 @@ pub enum Asked {
     },
 }
 
+impl Asked {
+    /// The lease, or who holds it, in words.
+    ///
+    /// # Errors
+    /// When another holds it.
+    pub fn granted(self) -> Result<Lease, String> {
+        match self {
+            Self::Granted(lease) => Ok(lease),
+            Self::Held { holder } => {
+                Err(holder.map_or_else(|| "another process".to_owned(), |holder| holder.to_string()))
+            }
+        }
+    }
+}
+
 /// A lease that is held; dropping it gives it back.
 #[derive(Debug)]
 pub struct Lease {
     _file: File,
 }
 
-/// Asks for the lease at `path` without waiting.
+/// What a holder says of itself is no longer.
+const LONGEST_HOLDER: u64 = 64 << 10;
+
+/// Asks for the lease at `place` without waiting.
 ///
 /// # Errors
 /// When the file cannot be opened or locked.
-pub fn ask(path: &Path, holder: &Holder) -> Result<Asked, LeaseError> {
+pub fn ask(place: &Place, holder: &Holder) -> Result<Asked, LeaseError> {
     let fail = |source| LeaseError {
-        path: path.to_owned(),
+        path: place.path(),
         source,
     };
-    let mut file = open(path).map_err(fail)?;
+    let file = open(place).map_err(fail)?;
     match file.try_lock() {
+        // Its last holder has removed it after we had opened it: another will find another file there.
+        Ok(()) if file.metadata().map_err(fail)?.nlink() == 0 => ask(place, holder),
         Ok(()) => hold(file, holder).map(Asked::Granted).map_err(fail),
         Err(TryLockError::WouldBlock) => {
-            let mut text = String::new();
-            file.read_to_string(&mut text).map_err(fail)?;
-            let holder = serde_json::from_str(&text).ok();
+            let mut text = Vec::new();
+            file.take(LONGEST_HOLDER).read_to_end(&mut text).map_err(fail)?;
+            let holder = serde_json::from_slice(&text).ok();
             Ok(Asked::Held { holder })
         }
         Err(TryLockError::Error(source)) => Err(fail(source)),
     }
 }
 
-/// Whether some process holds the lease at `path` now.
+/// Whether some process holds the lease at `place` now.
 #[must_use]
-pub fn is_held(path: &Path) -> bool {
-    File::open(path).is_ok_and(|file| matches!(file.try_lock_shared(), Err(TryLockError::WouldBlock)))
+pub fn is_held(place: &Place) -> bool {
+    match place.open() {
+        Ok(file) => matches!(file.try_lock_shared(), Err(TryLockError::WouldBlock)),
+        // It is another user's: nobody else can know.
+        Err(error) => error.kind() == io::ErrorKind::PermissionDenied,
+    }
 }
 
 /// Where the lease of this machine is: one for all its users. `MATRIX_LEASE` moves it, for tests.
@@ -116,26 +141,24 @@ pub fn of_this_machine() -> PathBuf {
     std::env::var_os("MATRIX_LEASE").map_or_else(|| PathBuf::from("/tmp/matrix-host.lease"), PathBuf::from)
 }
 
-/// Opens without creating first: in a sticky folder the kernel refuses to "create" a file that another user made
-/// (`fs.protected_regular`), even if it is open to all.
-fn open(path: &Path) -> std::io::Result<File> {
-    let existing = OpenOptions::new().read(true).write(true).open(path);
-    match existing {
-        Err(error) if error.kind() == std::io::ErrorKind::NotFound => {
-            let file = OpenOptions::new()
-                .read(true)
-                .write(true)
-                .create(true)
-                .truncate(false)
-                .open(path)?;
-            file.set_permissions(std::fs::Permissions::from_mode(0o666))?;
-            Ok(file)
-        }
-        other => other,
-    }
+/// For its owner alone: who can open a file can lock it.
+fn open(place: &Place) -> io::Result<File> {
+    let mut options = OpenOptions::new();
+    options.read(true).write(true);
+    let file = match place.open_with(&options) {
+        Err(error) if error.kind() == io::ErrorKind::NotFound => match place.create() {
+            // Another has made it meanwhile.
+            Err(error) if error.kind() == io::ErrorKind::AlreadyExists => place.open_with(&options)?,
+            created => created?,
+        },
+        opened => opened?,
+    };
+    // One that another user made for all, as earlier versions did, stays as it is.
+    let _ = file.set_permissions(Permissions::from_mode(0o600));
+    Ok(file)
 }
 
-fn hold(mut file: File, holder: &Holder) -> std::io::Result<Lease> {
+fn hold(mut file: File, holder: &Holder) -> io::Result<Lease> {
     file.set_len(0)?;
     file.rewind()?;
     serde_json::to_writer(&mut file, holder)?;
@@ -159,17 +182,17 @@ mod tests {
     #[test]
     fn the_second_to_ask_is_told_who_holds_the_lease() {
         let folder = tempfile::tempdir().unwrap();
-        let path = folder.path().join("lease");
-        let Asked::Granted(lease) = ask(&path, &holder()).unwrap() else {
+        let place = Place::root(folder.path()).join("lease");
+        let Asked::Granted(lease) = ask(&place, &holder()).unwrap() else {
             panic!("nobody holds it")
         };
-        assert!(is_held(&path));
-        let Asked::Held { holder: told } = ask(&path, &holder()).unwrap() else {
+        assert!(is_held(&place));
+        let Asked::Held { holder: told } = ask(&place, &holder()).unwrap() else {
             panic!("it is held")
         };
         assert_eq!(told, Some(holder()));
         drop(lease);
-        assert!(!is_held(&path));
-        assert!(matches!(ask(&path, &holder()).unwrap(), Asked::Granted(_)));
+        assert!(!is_held(&place));
+        assert!(matches!(ask(&place, &holder()).unwrap(), Asked::Granted(_)));
     }
 }

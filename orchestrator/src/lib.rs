@@ -13,6 +13,8 @@
 pub mod arguments;
 pub mod command;
 pub mod exit;
+#[doc(hidden)]
+pub mod fuzzing;
 pub mod host;
 pub mod journal;
 pub mod lease;
@@ -20,6 +22,7 @@ pub mod matrix_file;
 pub mod observer;
 pub mod plan;
 pub mod provider;
+pub mod room;
 pub mod run;
 pub mod state_directory;
 pub mod survey;

@@ -3,10 +3,26 @@
 use std::process::ExitCode;
 
 use clap::Parser;
-use orchestrator::{arguments::Arguments, command, exit::Exit, terminal};
+use orchestrator::{
+    arguments::Arguments,
+    command,
+    exit::Exit,
+    terminal::{self, Complaint},
+};
+use workload::descriptors;
 
 fn main() -> ExitCode {
     let arguments = Arguments::parse();
+    // Whoever asked for JSON reads one answer, and finds it where the result would be.
+    let complain = |complaint: &Complaint| match arguments.command.wants_json() {
+        true => terminal::json(&complaint.to_json()),
+        false => terminal::complain(complaint),
+    };
+    if let Err(error) = descriptors::make_room() {
+        let complaint = Complaint::new(Exit::Infrastructure, &error, Some(error.hint()));
+        complain(&complaint);
+        return complaint.exit.into();
+    }
     let runtime = match tokio::runtime::Builder::new_multi_thread()
         .worker_threads(2)
         .enable_all()
@@ -21,11 +37,7 @@ fn main() -> ExitCode {
     let exit = runtime
         .block_on(command::execute(&arguments.command))
         .unwrap_or_else(|complaint| {
-            // Whoever asked for JSON reads one answer, and finds it where the result would be.
-            match arguments.command.wants_json() {
-                true => terminal::json(&complaint.to_json()),
-                false => terminal::complain(&complaint),
-            }
+            complain(&complaint);
             complaint.exit
         });
     // A thread that still waits for a lease must not keep the process alive.

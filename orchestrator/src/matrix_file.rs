@@ -121,13 +121,7 @@ impl MatrixFile {
     /// All that is wrong with it.
     pub fn read(path: &Path, profile: Option<&str>) -> Result<Self, Diagnostics> {
         let name = path.display().to_string();
-        // One byte more than is allowed, so that a file that is too large is seen to be, whatever its size.
-        let limit = u64::try_from(yaml::BYTES + 1).unwrap_or(u64::MAX);
-        let mut bytes = Vec::new();
-        File::open(path)
-            .and_then(|file| file.take(limit).read_to_end(&mut bytes))
-            .map_err(|error| unreadable(&name, &error))?;
-        let mut file = Self::parse(&name, &bytes, profile)?;
+        let mut file = Self::parse(&name, &beginning_of(path, &name)?, profile)?;
         // A run goes on from any folder with what its file named.
         if let Some(folder) = absolute(path).ok().as_deref().and_then(Path::parent) {
             for host in &mut file.hosts {
@@ -215,7 +209,19 @@ impl MatrixFile {
         }
         file.check_sweeps(found);
         check_alpha(&file.places(), &file.report, found);
+        file.check_vagrant(found);
         file
+    }
+
+    /// What the host's Vagrant could be made to do more than make a guest.
+    fn check_vagrant(&self, found: &mut Diagnostics) {
+        for (provider, settings) in self.providers.of_vagrant() {
+            for (place, refusal) in settings.refusals(provider) {
+                let span = self.place_of(&format!("{PROVIDERS}.{provider}.{place}"));
+                let error = Diagnostic::error(&self.source, Code::InvalidValue, span, refusal.reason);
+                found.push(error.help(refusal.instead));
+            }
+        }
     }
 
     /// Every value of every sweep by itself, so that a wrong unit is found even in a scenario that is excluded.
@@ -342,6 +348,35 @@ fn unreadable(name: &str, error: &std::io::Error) -> Diagnostics {
     )
     .help(help)
     .into()
+}
+
+/// The text of another YAML file that a person wrote, within the limits of a matrix file: its length, its nesting, its nodes.
+///
+/// # Errors
+/// When it cannot be read, is longer or deeper, or is no YAML.
+pub fn text_within_limits(path: &Path) -> Result<String, Diagnostics> {
+    let name = path.display().to_string();
+    within_limits(&name, &beginning_of(path, &name)?)
+}
+
+/// The same of bytes.
+///
+/// # Errors
+/// As [`text_within_limits`].
+pub(crate) fn within_limits(name: &str, bytes: &[u8]) -> Result<String, Diagnostics> {
+    let source = Arc::new(decode(name, bytes)?);
+    yaml::parse(&source)?;
+    Ok(source.text().to_owned())
+}
+
+/// One byte more of a file than is allowed, so that one that is too large is seen to be, whatever its size.
+fn beginning_of(path: &Path, name: &str) -> Result<Vec<u8>, Diagnostics> {
+    let limit = u64::try_from(yaml::BYTES + 1).unwrap_or(u64::MAX);
+    let mut bytes = Vec::new();
+    File::open(path)
+        .and_then(|file| file.take(limit).read_to_end(&mut bytes))
+        .map_err(|error| unreadable(name, &error))?;
+    Ok(bytes)
 }
 
 fn decode(name: &str, bytes: &[u8]) -> Result<Source, Diagnostics> {

@@ -25,7 +25,10 @@ pub use placement::{HostFacts, Obstacle, ProviderFacts};
 pub use selection::Selection;
 pub use units::WindowDesign;
 
-use crate::matrix_file::{Code, Diagnostic, Diagnostics, MatrixFile};
+use crate::{
+    matrix_file::{Code, Diagnostic, Diagnostics, FEWER, MatrixFile},
+    provider::docker::{self, AskedRight},
+};
 use attainable::{fewest_values, smallest_p};
 use expansion::{Combination, expand};
 use placement::{Offer, fitting, place};
@@ -42,6 +45,8 @@ pub struct Plan {
     pub windows: Option<WindowDesign>,
     /// The hosts that could not be asked what they can do, and why.
     pub silent: BTreeMap<String, String>,
+    /// What containers of scenarios that run may do beyond what every container of ours may.
+    pub rights: Vec<AskedRight>,
     /// What is odd and yet no error, the file's own warnings among it.
     pub warnings: Diagnostics,
 }
@@ -121,6 +126,12 @@ pub fn plan(
     for scenario in &running {
         *measuring_s.entry(&scenario.host).or_default() += measuring_seconds(&scenario.settings);
     }
+    check_windows(file, &scenarios, &mut found);
+    let in_containers = |it: &&PlannedScenario| it.axis("virtualization").as_deref() == Some(docker::NAME);
+    let rights = match running.iter().copied().find(in_containers) {
+        Some(_) => file.providers.docker.asked_rights(),
+        None => Vec::new(),
+    };
     let record = PlanRecord {
         format: FORMAT,
         order: order.arrange(&running, seed),
@@ -136,8 +147,20 @@ pub fn plan(
             .iter()
             .filter_map(|offer| Some((offer.host.clone(), offer.silence()?.reason.clone())))
             .collect(),
+        rights,
         warnings,
     })
+}
+
+/// Each is a folder of the run directory.
+fn check_windows(file: &MatrixFile, scenarios: &[PlannedScenario], found: &mut Diagnostics) {
+    let windows: u64 = scenarios.iter().map(|it| u64::from(it.settings.windows)).sum();
+    if windows > PlanRecord::MOST_WINDOWS {
+        let most = PlanRecord::MOST_WINDOWS;
+        let message = format!("these are {windows} windows in all, more than {most}");
+        let span = file.place_of("workload.windows");
+        found.push(Diagnostic::error(&file.source, Code::InvalidValue, span, message).help(FEWER));
+    }
 }
 
 /// What the file says of a host must be so, and one that is out of reach is worth a word. Of hosts that are to measure

@@ -6,20 +6,20 @@
 //!
 //! [`choose`] is the one place that knows which providers there are.
 
-mod data_folder;
+pub(crate) mod data_folder;
 pub mod detached;
 pub mod docker;
 mod ended;
-mod environment_directory;
+pub(crate) mod environment_directory;
 mod error;
 pub mod facts;
 pub mod fake;
-mod lines;
+pub(crate) mod lines;
 pub mod native;
-mod patience;
+pub(crate) mod patience;
 mod roster;
 mod settings;
-mod trial;
+pub(crate) mod trial;
 pub mod vagrant;
 
 use std::{

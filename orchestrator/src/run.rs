@@ -10,20 +10,24 @@
 
 pub mod collection;
 mod compression;
+pub mod inspection;
 pub mod keep;
 pub mod record;
 pub mod register;
-pub mod room;
 pub mod scenario;
 pub mod session;
+pub mod silence;
 pub mod state;
 pub mod stop;
 
-use std::sync::Arc;
+use std::{collections::BTreeSet, io, sync::Arc};
 
 use futures_util::future::try_join_all;
-use reports::run_directory::{Event, Outcome, PlanRecord, PlannedScenario, RunDirectory};
-use tokio::sync::{RwLock, RwLockWriteGuard};
+use reports::run_directory::{Event, PlanRecord, PlannedScenario, RunDirectory};
+use tokio::{
+    sync::{RwLock, RwLockWriteGuard},
+    task::spawn_blocking,
+};
 
 use crate::{
     host::{
@@ -34,7 +38,9 @@ use crate::{
     lease::Holder,
     observer::Events,
     provider::{Provider, ProviderError},
+    room,
 };
+use collection::CollectionError;
 use keep::Keep;
 use stop::Stop;
 
@@ -44,6 +50,12 @@ pub enum RunError {
     /// The journal cannot be written.
     #[error(transparent)]
     Journal(#[from] JournalError),
+    /// A window that is not whole cannot be put aside.
+    #[error(transparent)]
+    Collection(#[from] CollectionError),
+    /// The run directory cannot be read.
+    #[error("the run directory cannot be looked at")]
+    RunDirectory(#[from] io::Error),
 }
 
 impl RunError {
@@ -52,6 +64,8 @@ impl RunError {
     pub fn hint(&self) -> Option<String> {
         match self {
             Self::Journal(error) => Some(error.hint()),
+            Self::Collection(error) => Some(error.hint()),
+            Self::RunDirectory(error) => Some(room::hint(error)),
         }
     }
 }
@@ -101,34 +115,69 @@ impl Run<'_> {
         self.events.emit(Event::RunStarted {
             pid: std::process::id(),
             resumed,
+            manifest_sha256: Some(self.directory.manifest().digest()?.sha256),
+            plan_sha256: Some(self.directory.plan().digest()?.sha256),
         })?;
-        let hosts = self.scenarios_by_host();
-        try_join_all(
-            hosts
-                .iter()
-                .map(|(_, scenarios)| self.one_after_another(scenarios)),
-        )
-        .await?;
-        let interrupted = self.stop.is_requested()
-            || self
-                .events
-                .state()
-                .scenarios
-                .values()
-                .any(|s| s.outcome == Some(Outcome::Interrupted));
-        Ok(self.events.emit(if interrupted {
-            Event::RunInterrupted
-        } else {
-            Event::RunFinished
-        })?)
+        let settled = self.settled();
+        self.on_all_hosts(|_| true).await?;
+        // Only now: to read all that was measured would disturb a workload that was left and may still measure here.
+        if resumed && !self.stop.is_requested() {
+            let mut differing = BTreeSet::new();
+            for planned in settled {
+                let _nothing_is_measured_here = self.this_machine.read().await;
+                if self.inspect(&planned.slug, planned.settings.windows).await? {
+                    differing.insert(&planned.slug);
+                }
+            }
+            self.on_all_hosts(|planned| differing.contains(&planned.slug))
+                .await?;
+        }
+        // The wish to stop may come when all is measured.
+        Ok(self
+            .events
+            .emit(match self.events.state().is_interrupted(self.plan) {
+                true => Event::RunInterrupted,
+                false => Event::RunFinished,
+            })?)
+    }
+
+    /// The scenarios that there is nothing to do for, as far as the journal knows.
+    fn settled(&self) -> Vec<&PlannedScenario> {
+        let runs = self.plan.scenarios.iter().filter(|planned| planned.runs());
+        runs.filter(|planned| self.events.scenario(&planned.slug).is_settled())
+            .collect()
+    }
+
+    /// Does what is left to do of some scenarios, the hosts side by side.
+    async fn on_all_hosts(&self, which: impl Fn(&PlannedScenario) -> bool) -> Result<(), RunError> {
+        let hosts = self.scenarios_by_host(which);
+        let at_work = hosts
+            .iter()
+            .map(|(_, scenarios)| self.one_after_another(scenarios));
+        try_join_all(at_work).await.map(drop)
+    }
+
+    /// Brings the journal up to the windows that a scenario has in the run directory; whether it was not.
+    async fn inspect(&self, slug: &str, windows: u32) -> Result<bool, RunError> {
+        let (directory, run, scenario) = (self.directory.clone(), self.name.clone(), slug.to_owned());
+        let state = self.events.scenario(slug);
+        let inspecting = move || inspection::inspect(&directory, &run, &scenario, windows, &state);
+        // All that was measured is read: others are not to wait for that.
+        let events = spawn_blocking(inspecting).await.map_err(io::Error::other)??;
+        let differs = !events.is_empty();
+        events.into_iter().try_for_each(|event| self.events.emit(event))?;
+        Ok(differs)
     }
 
     /// Those that run, in the plan's order; the hosts by the first of theirs.
-    fn scenarios_by_host(&self) -> Vec<(&str, Vec<&PlannedScenario>)> {
+    fn scenarios_by_host(
+        &self,
+        which: impl Fn(&PlannedScenario) -> bool,
+    ) -> Vec<(&str, Vec<&PlannedScenario>)> {
         let mut hosts: Vec<(&str, Vec<&PlannedScenario>)> = Vec::new();
         for id in &self.plan.order {
             let planned = self.plan.scenarios.iter().find(|planned| planned.id == *id);
-            let Some(planned) = planned.filter(|planned| planned.runs()) else {
+            let Some(planned) = planned.filter(|planned| planned.runs() && which(planned)) else {
                 continue;
             };
             let host = planned.host.as_deref().unwrap_or_default();

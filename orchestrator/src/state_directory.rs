@@ -10,6 +10,9 @@ use std::{
     path::{Path, PathBuf},
 };
 
+/// What to do where it cannot be written.
+pub const CHOOSE: &str = "set `MATRIX_STATE_DIR` to a folder that you may write to";
+
 /// The directory. It only knows names; nothing is created.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct StateDirectory(PathBuf);

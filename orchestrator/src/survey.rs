@@ -18,7 +18,7 @@ use workload::{
 
 use crate::{
     host::{self, Host},
-    matrix_file::MatrixFile,
+    matrix_file::{self, Connection, MatrixFile},
     plan::{self, HostFacts, Obstacle, ProviderFacts, Questions},
     provider::{Availability, Provider, Roster, detached::Keeper},
     state_directory::StateDirectory,
@@ -44,6 +44,24 @@ pub async fn survey(file: &MatrixFile, roster: &Roster) -> BTreeMap<String, Host
         facts.providers = ask(host, questions.remove(host).unwrap_or_default(), roster).await;
     }
     facts
+}
+
+/// What is known of the hosts without asking any: of this machine what it is, of others what the file says. Nothing is started
+/// and nothing is connected to.
+#[must_use]
+pub fn unasked(file: &MatrixFile) -> BTreeMap<String, HostFacts> {
+    let facts = |host: &matrix_file::Host| HostFacts {
+        left_alone: true,
+        ..match host.connection {
+            Connection::Local => this_machine(),
+            Connection::Ssh(_) => HostFacts::default(),
+        }
+    };
+    let named = file
+        .hosts
+        .iter()
+        .map(|host| (host.name.value.clone(), facts(host)));
+    named.collect()
 }
 
 /// What each host is, all asked at once. No provider was asked yet.

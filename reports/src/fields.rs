@@ -1,4 +1,4 @@
-//! Two records held against each other, field by field. The function is [`differing`].
+//! Two records held against each other, field by field. The functions are [`differing`] and [`leaves`].
 
 use std::collections::BTreeSet;
 
@@ -26,5 +26,26 @@ fn note(path: &str, first: &Value, second: &Value, fields: &mut Vec<(String, Val
         }
         (a, b) if a == b => {}
         (a, b) => fields.push((path.to_owned(), a.clone(), b.clone())),
+    }
+}
+
+/// Each field of a record by its dotted path. One that holds others is in it too, as an empty object.
+pub(crate) fn leaves(record: &Value) -> Vec<(String, Value)> {
+    let mut found = Vec::new();
+    collect("", record, &mut found);
+    found
+}
+
+fn collect(path: &str, value: &Value, found: &mut Vec<(String, Value)>) {
+    let Value::Object(fields) = value else {
+        found.push((path.to_owned(), value.clone()));
+        return;
+    };
+    found.push((path.to_owned(), Value::Object(Map::new())));
+    for (name, inner) in fields {
+        match path {
+            "" => collect(name, inner, found),
+            path => collect(&format!("{path}.{name}"), inner, found),
+        }
     }
 }

@@ -11,9 +11,6 @@
 //! write_messages(path)        the captures' messages, into `report/messages/`
 //! ```
 
-// Some of what the messages' tables need is used by nothing else.
-#![cfg_attr(not(feature = "columns"), allow(dead_code, unused_imports))]
-
 pub mod anderson_darling;
 pub mod block_permutation;
 pub mod combination;
@@ -28,12 +25,10 @@ pub mod energy;
 pub mod family;
 mod fields;
 pub mod figure;
-#[cfg(feature = "columns")]
 mod frames;
 pub mod health;
 pub mod ks;
 pub mod merged;
-#[cfg(feature = "columns")]
 pub mod messages;
 pub mod multiplicity;
 pub mod packets;
@@ -57,13 +52,12 @@ pub mod steadiness;
 pub mod table;
 pub mod traffic;
 mod verdict;
+pub mod verification;
 pub mod within;
-#[cfg(feature = "columns")]
 mod writing;
 
 pub use render::LatexTable;
 pub use report::{Report, analyse};
 pub use run::{Run, load, load_by};
 pub use run_directory::ReadError;
-#[cfg(feature = "columns")]
 pub use writing::{WriteError, is_report_folder, write};

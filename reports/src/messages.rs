@@ -20,10 +20,7 @@ mod table;
 use std::path::PathBuf;
 
 use serde::Serialize;
-use workload::{
-    record::{self, window::WindowRecord},
-    settings::Messages as MessageForm,
-};
+use workload::settings::Messages as MessageForm;
 
 pub use self::table::TableError;
 use self::{
@@ -35,8 +32,7 @@ use self::{
 use crate::{
     ReadError,
     packets::{CaptureReadError, CapturedWindow, Stretch, Topic},
-    run::read_plan,
-    run_directory::{PlannedScenario, RunDirectory, read_record},
+    run_directory::{PlannedScenario, RunDirectory, RunRecords, ScenarioChecksums, read_window},
 };
 
 /// How many of the messages that were not found are named.
@@ -154,7 +150,12 @@ impl MessagesError {
 /// # Errors
 /// When the run directory, a log or a capture cannot be read, a table not written, or there is nothing to read.
 pub fn write_messages(directory: &RunDirectory, wanted: &[String]) -> Result<Messages, MessagesError> {
-    let (manifest, plan) = read_plan(directory)?;
+    let RunRecords {
+        manifest,
+        plan,
+        checksums,
+        ..
+    } = RunRecords::read(directory)?;
     for asked in wanted {
         if !plan.scenarios.iter().any(|planned| is_called(planned, asked)) {
             return Err(MessagesError::NoSuchScenario {
@@ -167,7 +168,7 @@ pub fn write_messages(directory: &RunDirectory, wanted: &[String]) -> Result<Mes
         |planned: &&PlannedScenario| wanted.is_empty() || wanted.iter().any(|name| is_called(planned, name));
     let mut scenarios = Vec::new();
     for planned in plan.scenarios.iter().filter(is_wanted) {
-        let windows = captured_windows(directory, planned)?;
+        let windows = captured_windows(directory, planned, &checksums.scenario(&planned.slug))?;
         if !windows.is_empty() {
             scenarios.push(write_scenario(directory, planned, windows)?);
         }
@@ -191,6 +192,7 @@ fn is_called(planned: &PlannedScenario, name: &str) -> bool {
 fn captured_windows(
     directory: &RunDirectory,
     planned: &PlannedScenario,
+    checksums: &ScenarioChecksums,
 ) -> Result<Vec<CapturedWindow>, ReadError> {
     let mut windows = Vec::new();
     for number in 1..=planned.settings.windows {
@@ -199,7 +201,13 @@ fn captured_windows(
         if !about.exists() {
             continue;
         }
-        let record: WindowRecord = read_record(&about, record::FORMAT)?;
+        let record = match read_window(&folder, checksums.window(number)) {
+            // The report says so.
+            Err(ReadError::Impossible { .. } | ReadError::Damaged { .. } | ReadError::Json { .. }) => {
+                continue;
+            }
+            read => read?,
+        };
         let window = CapturedWindow { folder, record };
         if window.record.complete && window.is_captured() {
             windows.push(window);

@@ -1,7 +1,6 @@
 //! What the paper printed (S. L. Remy, *Assessing virtualization effects in simulations of distributed robotics*, 2017): its nine
 //! scenarios and the counts of its Tables III to V, for a run that has the same scenarios.
 
-#[cfg(feature = "columns")]
 use polars::{df, error::PolarsResult, frame::DataFrame};
 
 use crate::report::ScenarioReport;
@@ -27,7 +26,6 @@ const OSX: &[&str] = &["osx"];
 
 /// Rejections that the paper printed: of a scenario with itself (Table III, of 6), of two scenarios (Tables IV and V, of 16). In
 /// Table V "Ubuntu, VirtualBox" is taken for i; see `table/against_controls.rs`.
-#[cfg(feature = "columns")]
 const PUBLISHED: [(&str, &str, u32); 18] = [
     ("b", "b", 0),
     ("c", "c", 3),
@@ -81,7 +79,6 @@ fn letter(scenario: &ScenarioReport) -> Option<&'static str> {
 }
 
 /// The counts as a frame: `a_paper`, `b_paper` and `published`.
-#[cfg(feature = "columns")]
 pub(crate) fn published() -> PolarsResult<DataFrame> {
     df![
         "a_paper" => PUBLISHED.map(|(a, ..)| a),

@@ -7,7 +7,7 @@
 
 use std::{
     collections::{BTreeMap, BTreeSet},
-    fs, io,
+    io,
     net::IpAddr,
     path::{Path, PathBuf},
 };
@@ -18,7 +18,10 @@ use workload::{record::window::WindowRecord, virtual_host::VirtualHost};
 
 use crate::{
     run::{Ending, Run, ScenarioRun, WindowState},
-    run_directory::{FORMAT, Journal, PlanRecord, ReadError, RunDirectory, read_file, read_record},
+    run_directory::{
+        Chain, Event, FORMAT, Journal, JournalEntry, Kind as Entry, LONGEST_RECORD, Place, ReadError,
+        RunDirectory, RunRecords, ScenarioChecksums, read_environment, read_file, read_record, read_window,
+    },
 };
 
 /// What a reader of a report must know.
@@ -77,6 +80,9 @@ pub enum CopyError {
     /// The run cannot be read.
     #[error(transparent)]
     Read(#[from] ReadError),
+    /// A name that was replaced is a word of the format.
+    #[error("the copy of the journal cannot be understood")]
+    Word(#[from] serde_json::Error),
     /// The operating system refused.
     #[error("{} cannot be written", path.display())]
     Io {
@@ -84,12 +90,6 @@ pub enum CopyError {
         path: PathBuf,
         /// Why.
         source: io::Error,
-    },
-    /// A name with which a file would leave its folder.
-    #[error("`{name}` is not the name of a file")]
-    Name {
-        /// The name.
-        name: String,
     },
 }
 
@@ -99,13 +99,13 @@ impl CopyError {
     pub fn hint(&self) -> String {
         match self {
             Self::Read(error) => error.hint(),
+            Self::Word(_) => {
+                "a name that was replaced is a word of the run directory's own: leave it in, or rename the host".to_owned()
+            }
             Self::Io { source, .. } if source.kind() == io::ErrorKind::AlreadyExists => {
                 "give another folder with `--output`, or remove this one".to_owned()
             }
             Self::Io { .. } => "see that the disk has room and that you may write there".to_owned(),
-            Self::Name { .. } => {
-                "matrix writes no such names: somebody else changed plan.json or manifest.json".to_owned()
-            }
         }
     }
 }
@@ -248,18 +248,25 @@ struct Found {
 impl Found {
     fn look_at_run(&mut self, run: &RunDirectory) -> Result<(), ReadError> {
         self.look_at_text(&run.path().display().to_string());
-        let plan: PlanRecord = read_record(&run.plan(), FORMAT)?;
+        let RunRecords { plan, journal, .. } = RunRecords::read(run)?;
         for document in [run.manifest(), run.plan()] {
             self.look_at("", &read_record(&document, FORMAT)?);
         }
-        for entry in Journal::read(&run.journal())?.entries {
+        for entry in journal.entries {
             self.look_at("", &serde_json::to_value(entry).unwrap_or_default());
         }
         for scenario in &plan.scenarios {
-            for file in files(&run.scenario(&scenario.slug)) {
+            let folder = run.scenario(&scenario.slug);
+            let unreadable = |source| ReadError::Io {
+                path: folder.path(),
+                source,
+            };
+            for file in files(&folder).map_err(unreadable)? {
                 match Kind::of(&file) {
                     Some(Kind::Document) => self.look_at("", &read_record(&file, FORMAT)?),
-                    Some(Kind::Text) => self.look_at_text(&String::from_utf8_lossy(&read_file(&file)?)),
+                    Some(Kind::Text) => {
+                        self.look_at_text(&String::from_utf8_lossy(&read_file(&file, LONGEST_RECORD)?));
+                    }
                     None => {}
                 }
             }
@@ -395,38 +402,37 @@ enum Kind {
 }
 
 impl Kind {
-    fn of(file: &Path) -> Option<Self> {
-        let name = file.file_name()?.to_str()?;
-        match name {
+    fn of(file: &Place) -> Option<Self> {
+        match file.name() {
             "window.json" => Some(Self::Document),
-            _ if name.starts_with("environment") && name.ends_with(".json") => Some(Self::Document),
-            _ if name.starts_with("network") && name.ends_with(".txt") => Some(Self::Text),
+            name if name.starts_with("environment") && name.ends_with(".json") => Some(Self::Document),
+            name if name.starts_with("network") && name.ends_with(".txt") => Some(Self::Text),
             _ => None,
         }
     }
 }
 
 /// The files of a scenario's folder and of its windows, in the order of their names; none of what broke.
-fn files(folder: &Path) -> Vec<PathBuf> {
-    let entries = |folder: &Path| -> Vec<PathBuf> {
-        let entries = fs::read_dir(folder).into_iter().flatten().flatten();
-        let mut paths: Vec<PathBuf> = entries.map(|entry| entry.path()).collect();
-        paths.sort();
-        paths
-    };
-    let is_window = |path: &PathBuf| {
-        let name = path.file_name().and_then(|name| name.to_str());
-        name.is_some_and(|name| name.starts_with("window-"))
-    };
-    let (folders, mut files): (Vec<PathBuf>, Vec<PathBuf>) =
-        entries(folder).into_iter().partition(|path| path.is_dir());
-    files.extend(
-        folders
-            .iter()
-            .filter(|path| is_window(path))
-            .flat_map(|window| entries(window)),
-    );
-    files
+fn files(scenario: &Place) -> io::Result<Vec<Place>> {
+    let mut files = Vec::new();
+    if !scenario.exists() {
+        return Ok(files);
+    }
+    for (place, kind) in scenario.entries()? {
+        match kind {
+            Entry::Folder if place.name().starts_with("window-") => {
+                let inner = place.entries()?;
+                files.extend(inner.into_iter().filter(is_file).map(|(place, _)| place));
+            }
+            Entry::File => files.push(place),
+            Entry::Folder | Entry::Other => {}
+        }
+    }
+    Ok(files)
+}
+
+fn is_file((_, kind): &(Place, Entry)) -> bool {
+    *kind == Entry::File
 }
 
 impl Run {
@@ -435,7 +441,11 @@ impl Run {
     /// # Errors
     /// When a name is a word of the format.
     pub fn redacted(mut self, redaction: &Redaction) -> Result<Self, serde_json::Error> {
+        // That of several runs is a list of names and no name.
+        let run = std::mem::replace(&mut self.manifest.run, "run".to_owned());
         self.manifest = redaction.record(&self.manifest)?;
+        self.manifest.run = redaction.text(&run);
+        self.manifest.state_directory = None;
         self.manifest.redacted = true;
         for part in &mut self.parts {
             part.run = redaction.text(&part.run);
@@ -471,7 +481,7 @@ impl ScenarioRun {
                     **record = redaction.record::<WindowRecord>(record)?;
                 }
                 WindowState::Broken { reason } => text(reason),
-                WindowState::Missing => {}
+                WindowState::Missing { .. } => {}
             }
         }
         self.broken.iter_mut().for_each(|broken| text(&mut broken.reason));
@@ -480,61 +490,113 @@ impl ScenarioRun {
 }
 
 /// Makes a copy of a run without the names, from which a report can be made. Left out are what broke, the report, and lines
-/// of the journal that a crash cut.
+/// of the journal that a crash cut. It has checksums of its own where the run has them.
 ///
 /// # Errors
-/// When there is something at that place, and when something cannot be read or written.
+/// When there is something at that place, and when something cannot be read or written, or is damaged.
 pub fn copy(run: &RunDirectory, to: &Path, redaction: &Redaction) -> Result<(), CopyError> {
-    fs::create_dir_all(to.parent().unwrap_or(to)).map_err(at(to))?;
-    fs::create_dir(to).map_err(at(to))?;
+    let records = RunRecords::read(run)?;
+    std::fs::create_dir_all(to.parent().unwrap_or(to)).map_err(at(to))?;
+    std::fs::create_dir(to).map_err(at(to))?;
     let copy = RunDirectory::new(to);
-    let plan: PlanRecord = read_record(&run.plan(), FORMAT)?;
-    for scenario in &plan.scenarios {
-        see_that_it_stays(&scenario.slug)?;
-        copy_scenario(
-            &run.scenario(&scenario.slug),
-            &copy.scenario(&scenario.slug),
-            redaction,
-        )?;
+    let mut sums = NewSums::default();
+    for scenario in &records.plan.scenarios {
+        let (from, to) = (run.scenario(&scenario.slug), copy.scenario(&scenario.slug));
+        let known = records.checksums.scenario(&scenario.slug);
+        copy_scenario(&from, &to, &known, redaction, &mut sums)?;
     }
-    let entries = Journal::read(&run.journal())?.entries.into_iter();
-    // Plain data can always be written as JSON.
-    let documents = entries.map(|entry| redaction.document(serde_json::to_value(entry).unwrap_or_default()));
-    let lines: String = documents.map(|document| format!("{document}\n")).collect();
-    write(&copy.journal(), &lines)?;
-    copy_document(&run.plan(), &copy.plan(), redaction)?;
+    copy_document(&run.plan(), &copy.plan(), redaction, &mut sums)?;
     let mut manifest: Map<String, Value> = read_record(&run.manifest(), FORMAT)?;
     manifest.insert("redacted".to_owned(), true.into());
-    write_document(&copy.manifest(), &redaction.document(manifest.into()))
+    let manifest = redaction.document(manifest.into());
+    sums.write_document(&run.manifest(), &copy.manifest(), &manifest)?;
+    write(
+        &copy.journal(),
+        &copied_journal(records.journal, redaction, &sums)?,
+    )
 }
 
-/// That a name is one of a file, and no way out of its folder.
-///
-/// # Errors
-/// When it is more than that, such as `../x`.
-pub fn see_that_it_stays(name: &str) -> Result<(), CopyError> {
-    match Path::new(name).file_name() == Some(name.as_ref()) {
-        true => Ok(()),
-        false => Err(CopyError::Name {
-            name: name.to_owned(),
-        }),
+/// SHA-256 of files of a run, with those that stand for them in its copy.
+#[derive(Default)]
+struct NewSums(BTreeMap<String, String>);
+
+impl NewSums {
+    /// Writes what stands for a file.
+    fn write_document(&mut self, from: &Place, to: &Place, document: &Value) -> Result<(), CopyError> {
+        write(to, format!("{document:#}\n").as_bytes())?;
+        let [from, to] = [from, to].map(|it| it.digest().map_err(at(&it.path())));
+        self.0.insert(from?.sha256, to?.sha256);
+        Ok(())
+    }
+
+    /// What stands for a file that was copied; none for others.
+    fn renew(&self, sha256: &mut Option<String>) {
+        *sha256 = sha256.take().and_then(|old| self.0.get(&old).cloned());
     }
 }
 
-fn copy_scenario(from: &Path, to: &Path, redaction: &Redaction) -> Result<(), CopyError> {
-    for file in files(from) {
-        let copy = to.join(file.strip_prefix(from).unwrap_or(&file));
+fn copied_journal(journal: Journal, redaction: &Redaction, sums: &NewSums) -> Result<Vec<u8>, CopyError> {
+    let is_checked = journal.is_checked();
+    let (mut chain, mut text) = (Chain::default(), Vec::new());
+    for entry in journal.entries {
+        let mut entry: JournalEntry = redaction.record(&entry)?;
+        match &mut entry.event {
+            Event::RunStarted {
+                manifest_sha256,
+                plan_sha256,
+                ..
+            } => {
+                sums.renew(manifest_sha256);
+                sums.renew(plan_sha256);
+            }
+            Event::WindowCollected { sha256, .. } => sums.renew(sha256),
+            Event::EnvironmentRecorded { sha256, .. } => {
+                let mut renewed = Some(sha256.clone());
+                sums.renew(&mut renewed);
+                match renewed {
+                    Some(renewed) => *sha256 = renewed,
+                    // It was written over.
+                    None => continue,
+                }
+            }
+            _ => {}
+        }
+        match is_checked {
+            true => text.extend(chain.line(&entry)?),
+            false => {
+                serde_json::to_writer(&mut text, &entry)?;
+                text.push(b'\n');
+            }
+        }
+    }
+    Ok(text)
+}
+
+fn copy_scenario(
+    from: &Place,
+    to: &Place,
+    known: &ScenarioChecksums,
+    redaction: &Redaction,
+    sums: &mut NewSums,
+) -> Result<(), CopyError> {
+    for file in files(from).map_err(at(&from.path()))? {
+        let (path, above) = (file.path(), from.path());
+        let copy = to.join(path.strip_prefix(above).unwrap_or(&path));
         match Kind::of(&file) {
-            Some(Kind::Document) => copy_document(&file, &copy, redaction)?,
+            Some(Kind::Document) => {
+                see_that_it_is_as_written(&file, known)?;
+                copy_document(&file, &copy, redaction, sums)?;
+            }
             Some(Kind::Text) => {
-                write(
-                    &copy,
-                    &redaction.text(&String::from_utf8_lossy(&read_file(&file)?)),
-                )?;
+                let text = redaction.text(&String::from_utf8_lossy(&read_file(&file, LONGEST_RECORD)?));
+                write(&copy, text.as_bytes())?;
             }
             None if was_measured(&file) => {
                 make_folder_of(&copy)?;
-                fs::copy(&file, &copy).map(drop).map_err(at(&copy))?;
+                let copied = file
+                    .open()
+                    .and_then(|mut from| io::copy(&mut from, &mut copy.create()?));
+                copied.map(drop).map_err(at(&copy.path()))?;
             }
             None => {}
         }
@@ -542,29 +604,42 @@ fn copy_scenario(from: &Path, to: &Path, redaction: &Redaction) -> Result<(), Co
     Ok(())
 }
 
+/// A copy has checksums of its own: what is damaged would be whole in it.
+fn see_that_it_is_as_written(document: &Place, known: &ScenarioChecksums) -> Result<(), ReadError> {
+    let window = document.parent().name().strip_prefix("window-").map(str::parse);
+    match window {
+        Some(number) => {
+            let sha256 = number.ok().and_then(|number| known.window(number));
+            read_window(&document.parent(), sha256).map(drop)
+        }
+        None => read_environment(document, known.environments()).map(drop),
+    }
+}
+
 /// Whether the record of the window beside it names it, with its checksum.
-fn was_measured(file: &Path) -> bool {
-    let record = read_record::<WindowRecord>(&file.with_file_name("window.json"), workload::record::FORMAT);
-    let name = file.file_name().and_then(|name| name.to_str());
-    record.is_ok_and(|record| record.files.iter().any(|file| Some(file.name.as_str()) == name))
+fn was_measured(file: &Place) -> bool {
+    let record = read_window(&file.parent(), None);
+    let name = file.name();
+    record.is_ok_and(|record| record.files.iter().any(|file| file.name == name))
 }
 
-fn copy_document(from: &Path, to: &Path, redaction: &Redaction) -> Result<(), CopyError> {
-    write_document(to, &redaction.document(read_record(from, FORMAT)?))
+fn copy_document(
+    from: &Place,
+    to: &Place,
+    redaction: &Redaction,
+    sums: &mut NewSums,
+) -> Result<(), CopyError> {
+    sums.write_document(from, to, &redaction.document(read_record(from, FORMAT)?))
 }
 
-fn write_document(to: &Path, document: &Value) -> Result<(), CopyError> {
-    write(to, &format!("{document:#}\n"))
-}
-
-fn write(to: &Path, text: &str) -> Result<(), CopyError> {
+fn write(to: &Place, text: &[u8]) -> Result<(), CopyError> {
     make_folder_of(to)?;
-    fs::write(to, text).map_err(at(to))
+    to.write(text).map_err(at(&to.path()))
 }
 
-fn make_folder_of(file: &Path) -> Result<(), CopyError> {
-    let folder = file.parent().unwrap_or(file);
-    fs::create_dir_all(folder).map_err(at(folder))
+fn make_folder_of(file: &Place) -> Result<(), CopyError> {
+    let folder = file.parent();
+    folder.make_folder().map_err(at(&folder.path()))
 }
 
 fn at(path: &Path) -> impl FnOnce(io::Error) -> CopyError {

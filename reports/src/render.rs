@@ -1,6 +1,5 @@
 //! A report in each of its media. All of them are pure: report in, text or picture out.
 
-#[cfg(feature = "columns")]
 pub(crate) mod columns;
 mod html;
 mod json;

@@ -18,7 +18,7 @@ use crate::{
     figure,
     health::Health,
     ks::{Method, Procedure},
-    run::{BrokenWindow, Ending, Run, RunPart, ScenarioRun, Window, WindowState},
+    run::{BrokenWindow, Ending, MissingWindow, Run, RunPart, ScenarioRun, Window, WindowState},
     run_directory::{Difference, EnvironmentRecord, Outcome, Revision},
     sample::{Sample, samples},
     settings::{ErrorOf, ReportSettings, WarmUp},
@@ -522,7 +522,7 @@ fn window_report(window: &Window, n: usize) -> WindowReport {
             (record.verdict.name(), record.reasons.clone())
         }
         WindowState::Broken { reason } => ("broken", vec![reason.clone()]),
-        WindowState::Missing => ("missing", vec!["it was not measured".to_owned()]),
+        WindowState::Missing { known } => ("missing", vec![words_for(*known).to_owned()]),
     };
     if matches!(window.state, WindowState::Counted { .. }) && n == 0 {
         reasons.push("all its periods are left out".to_owned());
@@ -532,6 +532,15 @@ fn window_report(window: &Window, n: usize) -> WindowReport {
         verdict,
         n,
         reasons,
+    }
+}
+
+/// Why a window is not there.
+const fn words_for(missing: MissingWindow) -> &'static str {
+    match missing {
+        MissingWindow::NotMeasured => "it was not measured",
+        MissingWindow::NotCollected => "it was measured, and has not been collected",
+        MissingWindow::Lost => "it was collected, and is not there any more",
     }
 }
 
@@ -601,7 +610,28 @@ fn remarks(run: &Run, report: &Report) -> Vec<String> {
             "Line {line} of {journal} is cut, as a crash leaves it; what it was to announce had not been done."
         ));
     }
+    remarks.extend(unchecked_remark(run));
     remarks
+}
+
+/// That nobody can say whether the run's files are as they were written.
+fn unchecked_remark(run: &Run) -> Option<String> {
+    let unchecked: Vec<&str> = run
+        .parts
+        .iter()
+        .filter(|part| !part.is_checked)
+        .map(|part| part.run.as_str())
+        .collect();
+    let whose = match run.parts.len() {
+        1 => "The run directory".to_owned(),
+        _ => format!("The run directory of {}", unchecked.join(", ")),
+    };
+    (!unchecked.is_empty()).then(|| {
+        format!(
+            "{whose} is of an earlier version of matrix and has no checksums of its manifest, plan, journal, environments and \
+             window records: whether they are as they were written is not known."
+        )
+    })
 }
 
 /// That not all scenarios ran the same experiment, and what the report makes of it.

@@ -3,22 +3,25 @@
 
 use std::{
     collections::{BTreeMap, BTreeSet},
-    io,
-    path::{Path, PathBuf},
+    path::Path,
 };
 
 use rayon::prelude::*;
-use workload::record::{
-    self,
-    window::{Verdict, WindowRecord},
-};
 use workload::settings::Settings;
+use workload::{
+    causes::with_causes,
+    record::{
+        progress::Progress,
+        window::{Verdict, WindowRecord},
+    },
+};
 
 use crate::{
     redaction::REMARK,
     run_directory::{
-        ControlTrace, EnvironmentRecord, Event, Expected, FORMAT, Journal, Manifest, Outcome, PlanRecord,
-        PlannedScenario, PlantTrace, ReadError, Revision, RunDirectory, read_record,
+        ControlTrace, EnvironmentRecord, Event, Expected, Journal, LogError, Manifest, Outcome, Place,
+        PlannedScenario, PlantTrace, ReadError, Revision, RunDirectory, RunRecords, ScenarioChecksums,
+        read_environment, read_window,
     },
     settings::ErrorOf,
 };
@@ -27,7 +30,7 @@ use crate::{
 #[derive(Debug, Clone, PartialEq)]
 pub struct Run {
     /// Where its report goes.
-    pub report_folder: PathBuf,
+    pub report_folder: Place,
     /// What was asked.
     pub manifest: Manifest,
     /// The plan's scenarios, in letter order.
@@ -57,6 +60,8 @@ pub struct RunPart {
     pub scenarios: Vec<String>,
     /// Lines of its journal that a crash cut, from 1.
     pub cut_lines: Vec<usize>,
+    /// Whether its journal has checksums of itself and of the other files: not in runs of earlier versions.
+    pub is_checked: bool,
 }
 
 impl RunPart {
@@ -64,7 +69,7 @@ impl RunPart {
         directory: RunDirectory,
         manifest: &Manifest,
         scenarios: &[ScenarioRun],
-        cut_lines: Vec<usize>,
+        journal: &Journal,
     ) -> Self {
         let measured = scenarios
             .iter()
@@ -76,7 +81,8 @@ impl RunPart {
             matrix_version: manifest.matrix_version.clone(),
             matrix_revision: manifest.matrix_revision.clone(),
             scenarios: measured.map(|scenario| scenario.planned.id.clone()).collect(),
-            cut_lines,
+            cut_lines: journal.cut_lines.clone(),
+            is_checked: journal.is_checked(),
         }
     }
 }
@@ -92,6 +98,8 @@ pub struct ScenarioRun {
     pub providers: BTreeSet<String>,
     /// Its last environment's record, if it came so far.
     pub environment: Option<EnvironmentRecord>,
+    /// Why that record cannot be read, if it is there and cannot.
+    pub unknown: Option<String>,
     /// One for each window of the plan; none if the scenario is infeasible or was not selected.
     pub windows: Vec<Window>,
     /// What broke on the way, whether or not it was measured again.
@@ -134,7 +142,7 @@ pub struct Window {
     /// Its number, from 1.
     pub number: u32,
     /// Its folder.
-    pub folder: PathBuf,
+    pub folder: Place,
     /// What there is of it.
     pub state: WindowState,
 }
@@ -160,7 +168,22 @@ pub enum WindowState {
         reason: String,
     },
     /// It is not there.
-    Missing,
+    Missing {
+        /// What the journal says of it.
+        known: MissingWindow,
+    },
+}
+
+/// What the journal says of a window that is not there.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
+pub enum MissingWindow {
+    /// Nothing.
+    #[default]
+    NotMeasured,
+    /// The workload had completed it.
+    NotCollected,
+    /// It was there.
+    Lost,
 }
 
 /// A window that broke, kept aside.
@@ -185,6 +208,15 @@ impl ScenarioRun {
                 .is_some_and(EnvironmentRecord::is_simulated)
     }
 
+    /// What is not known of it.
+    fn remark(&self) -> Option<String> {
+        let why = self.unknown.as_ref()?;
+        Some(format!(
+            "The platform of {} is not known: {why}.",
+            self.planned.id
+        ))
+    }
+
     /// The windows that count, with their records and logs.
     pub fn counted(&self) -> impl Iterator<Item = (u32, &WindowRecord, &ControlTrace)> {
         self.windows.iter().filter_map(|window| match &window.state {
@@ -206,12 +238,16 @@ pub fn load(path: impl AsRef<Path>) -> Result<Run, ReadError> {
 /// megabytes stay.
 ///
 /// # Errors
-/// When it is missing, half-written or of a later format, and when a log of a window that would count cannot be used.
+/// When it is missing, half-written, damaged or of a later format, and when the system does not let a file be read.
 pub fn load_by(path: &Path, error: Option<ErrorOf>) -> Result<Run, ReadError> {
     let directory = RunDirectory::new(path);
-    let (manifest, plan) = read_plan(&directory)?;
+    let RunRecords {
+        manifest,
+        plan,
+        journal,
+        checksums,
+    } = RunRecords::read(&directory)?;
     let error = error.unwrap_or(manifest.report.error);
-    let journal = Journal::read(&directory.journal())?;
     let mut histories = histories(&journal);
     let with_history = |planned: PlannedScenario| {
         let history = histories.remove(&planned.slug).unwrap_or_default();
@@ -221,56 +257,22 @@ pub fn load_by(path: &Path, error: Option<ErrorOf>) -> Result<Run, ReadError> {
     // Of two that are at fault always the first is told, whichever is read first.
     let scenarios: Vec<Result<ScenarioRun, ReadError>> = scenarios
         .into_par_iter()
-        .map(|(planned, history)| load_scenario(&directory, planned, history, error))
+        .map(|(planned, history)| {
+            let checksums = checksums.scenario(&planned.slug);
+            load_scenario(&directory, planned, history, &checksums, error)
+        })
         .collect();
     let scenarios: Vec<ScenarioRun> = scenarios.into_iter().collect::<Result<_, _>>()?;
+    let mut remarks = Vec::from_iter(manifest.redacted.then(|| REMARK.to_owned()));
+    remarks.extend(scenarios.iter().filter_map(ScenarioRun::remark));
     Ok(Run {
         report_folder: directory.report(),
-        parts: vec![RunPart::of(directory, &manifest, &scenarios, journal.cut_lines)],
-        remarks: Vec::from_iter(manifest.redacted.then(|| REMARK.to_owned())),
+        parts: vec![RunPart::of(directory, &manifest, &scenarios, &journal)],
+        remarks,
         manifest,
         error,
         scenarios,
     })
-}
-
-/// Reads what was asked and what was planned, and nothing that was measured.
-///
-/// # Errors
-/// When it is no run directory, half-written or of a later format.
-pub fn read_plan(directory: &RunDirectory) -> Result<(Manifest, PlanRecord), ReadError> {
-    see_that_it_is_one(directory)?;
-    Ok((
-        read_record(&directory.manifest(), FORMAT)?,
-        read_record(&directory.plan(), FORMAT)?,
-    ))
-}
-
-fn see_that_it_is_one(directory: &RunDirectory) -> Result<(), ReadError> {
-    let path = directory.path();
-    let about = path.metadata().map_err(|source| match source.kind() {
-        io::ErrorKind::NotFound => ReadError::NotFound {
-            path: path.to_owned(),
-        },
-        _ => ReadError::Io {
-            path: path.to_owned(),
-            source,
-        },
-    })?;
-    let not_one = |why| {
-        Err(ReadError::NotARunDirectory {
-            path: path.to_owned(),
-            why,
-        })
-    };
-    if !about.is_dir() {
-        return not_one("it is not a folder");
-    }
-    let others = [directory.plan(), directory.journal()];
-    if !directory.manifest().exists() && !others.iter().any(|file| file.exists()) {
-        return not_one("it has no manifest.json");
-    }
-    Ok(())
 }
 
 /// What the journal says of one scenario.
@@ -279,6 +281,8 @@ struct History {
     ending: Option<Ending>,
     providers: BTreeSet<String>,
     broken: Vec<BrokenWindow>,
+    /// Windows that were measured or collected.
+    windows: BTreeMap<u32, MissingWindow>,
 }
 
 fn histories(journal: &Journal) -> BTreeMap<String, History> {
@@ -304,7 +308,20 @@ fn histories(journal: &Journal) -> BTreeMap<String, History> {
                     environment,
                     reason,
                 };
-                histories.entry(scenario).or_default().broken.push(broken);
+                let history = histories.entry(scenario).or_default();
+                history.broken.push(broken);
+                history.windows.remove(&window);
+            }
+            Event::Workload {
+                scenario,
+                progress: Progress::WindowComplete { window, .. },
+            } => {
+                let history = histories.entry(scenario).or_default();
+                history.windows.insert(window, MissingWindow::NotCollected);
+            }
+            Event::WindowCollected { scenario, window, .. } => {
+                let history = histories.entry(scenario).or_default();
+                history.windows.insert(window, MissingWindow::Lost);
             }
             Event::ScenarioFinished {
                 scenario,
@@ -329,23 +346,34 @@ fn load_scenario(
     directory: &RunDirectory,
     planned: PlannedScenario,
     history: History,
+    checksums: &ScenarioChecksums,
     error: ErrorOf,
 ) -> Result<ScenarioRun, ReadError> {
     let environment = directory.environment(&planned.slug);
-    let environment: Option<EnvironmentRecord> = if environment.exists() {
-        Some(read_record(&environment, FORMAT)?)
-    } else {
-        None
+    let read = || read_environment(&environment, checksums.environments());
+    let (environment, unknown) = match environment.exists().then(read) {
+        None => (None, None),
+        Some(Ok(environment)) => (Some(environment), None),
+        Some(Err(error @ ReadError::FutureFormat { .. })) => return Err(error),
+        // What is not known of a platform must not cost what was measured on it.
+        Some(Err(error)) => (None, Some(with_causes(&error))),
     };
     let ending = ending(&planned, history.ending);
     let measured = !matches!(ending, Ending::Infeasible { .. } | Ending::NotSelected { .. });
     let wanted = if measured { planned.settings.windows } else { 0 };
     let windows = (1..=wanted)
         .map(|number| {
+            let folder = directory.window(&planned.slug, number);
+            let state = match folder.exists() {
+                true => load_window(&folder, &planned, number, checksums.window(number), error)?,
+                false => WindowState::Missing {
+                    known: history.windows.get(&number).copied().unwrap_or_default(),
+                },
+            };
             Ok(Window {
                 number,
-                folder: directory.window(&planned.slug, number),
-                state: load_window(directory, &planned, number, error)?,
+                folder,
+                state,
             })
         })
         .collect::<Result<_, ReadError>>()?;
@@ -356,6 +384,7 @@ fn load_scenario(
         ending,
         providers,
         environment,
+        unknown,
         windows,
         broken: history.broken,
     })
@@ -389,21 +418,27 @@ fn ending(planned: &PlannedScenario, journaled: Option<Ending>) -> Ending {
 }
 
 fn load_window(
-    directory: &RunDirectory,
+    folder: &Place,
     planned: &PlannedScenario,
     number: u32,
+    sha256: Option<&str>,
     error: ErrorOf,
 ) -> Result<WindowState, ReadError> {
-    let folder = directory.window(&planned.slug, number);
-    if !folder.exists() {
-        return Ok(WindowState::Missing);
-    }
     let broken = |reason: String| Ok(WindowState::Broken { reason });
     let about = folder.join("window.json");
     if !about.exists() {
         return broken("window.json is missing, so it was never finished".to_owned());
     }
-    let record: WindowRecord = read_record(&about, record::FORMAT)?;
+    let record = match read_window(folder, sha256) {
+        Err(ReadError::Impossible { source, .. }) => {
+            return broken(format!("window.json cannot be what was measured: {source}"));
+        }
+        Err(ReadError::Damaged { how, .. }) => return broken(format!("window.json is damaged: {how}")),
+        Err(ReadError::Json { source, .. }) => {
+            return broken(format!("window.json cannot be understood: {source}"));
+        }
+        read => read?,
+    };
     if record.window != number {
         return broken(format!("window.json is that of window {}", record.window));
     }
@@ -429,11 +464,14 @@ fn load_window(
     let truth = match error {
         ErrorOf::Received => None,
         ErrorOf::TruePosition => {
-            let path = folder.join("plant.csv");
+            let place = folder.join("plant.csv");
             let Some(file) = described("plant.csv") else {
-                return Err(ReadError::NoTruth { path });
+                return Err(ReadError::NoTruth { path: place.path() });
             };
-            Some(PlantTrace::read(&path, file).map_err(|source| ReadError::Log { path, source })?)
+            match PlantTrace::read(&place, file) {
+                Ok(truth) => Some(truth),
+                Err(error) => return unusable(&place, error),
+            }
         }
     };
     let expected = Expected {
@@ -443,10 +481,24 @@ fn load_window(
         steps_per_period: planned.settings.steps_per_period().max(1),
         file,
     };
-    let trace = ControlTrace::read(&log, expected, truth.as_ref())
-        .map_err(|source| ReadError::Log { path: log, source })?;
-    Ok(WindowState::Counted {
-        record: Box::new(record),
-        trace,
-    })
+    match ControlTrace::read(&log, expected, truth.as_ref()) {
+        Ok(trace) => Ok(WindowState::Counted {
+            record: Box::new(record),
+            trace,
+        }),
+        Err(error) => unusable(&log, error),
+    }
+}
+
+/// A window does not count for its log: a host may have written anything into it, and that is no reason for the others not to.
+fn unusable(log: &Place, error: LogError) -> Result<WindowState, ReadError> {
+    match error.is_of_the_system() {
+        true => Err(ReadError::Log {
+            path: log.path(),
+            source: error,
+        }),
+        false => Ok(WindowState::Broken {
+            reason: format!("{} cannot be used: {error}; {}", log.name(), error.cause()),
+        }),
+    }
 }

@@ -2,6 +2,8 @@
 //! workload differ whatever they ran on, so that a difference between them says nothing of the platform. The main type is
 //! [`Unlike`].
 
+use std::collections::HashMap;
+
 use serde_json::{Value, json};
 use workload::settings::Settings;
 
@@ -55,6 +57,43 @@ impl Unlike {
 #[must_use]
 pub fn differing_settings(a: &Settings, b: &Settings) -> Vec<String> {
     differing(&task(a), &task(b))
+}
+
+/// The experiments of many scenarios, to be compared two by two: of a thousand there are half a million pairs.
+#[derive(Debug, Clone, Default)]
+pub struct Experiments {
+    /// For each the number of its value in each field; 0 for what is not known.
+    rows: Vec<Vec<u32>>,
+}
+
+impl Experiments {
+    /// Those that these settings ask for, by their places.
+    pub fn of<'a>(settings: impl IntoIterator<Item = &'a Settings>) -> Self {
+        let mut columns: HashMap<String, (usize, HashMap<String, u32>)> = HashMap::new();
+        let mut experiments = Self::default();
+        for settings in settings {
+            let mut row = vec![0; columns.len()];
+            for (path, value) in fields::leaves(&task(settings)) {
+                let next = columns.len();
+                let (at, values) = columns.entry(path).or_insert_with(|| (next, HashMap::new()));
+                let known = u32::try_from(values.len()).unwrap_or(u32::MAX);
+                let number = *values.entry(value.to_string()).or_insert(known.saturating_add(1));
+                row.resize(row.len().max(*at + 1), 0);
+                if let (Some(field), false) = (row.get_mut(*at), value.is_null()) {
+                    *field = number;
+                }
+            }
+            experiments.rows.push(row);
+        }
+        experiments
+    }
+
+    /// Whether those at two places differ, as [`differing_settings`] has it.
+    #[must_use]
+    pub fn are_unlike(&self, a: usize, b: usize) -> bool {
+        let row = |at: usize| self.rows.get(at).map(Vec::as_slice).unwrap_or_default();
+        std::iter::zip(row(a), row(b)).any(|(a, b)| *a != 0 && *b != 0 && a != b)
+    }
 }
 
 /// All that must be the same for a difference to be the platform's: the control task, the network between its nodes, and the
@@ -134,6 +173,32 @@ mod tests {
         let second = json!({"network": {"delay": "20ms", "loss": "1%"}, "rate": "100Hz"});
         assert_eq!(differing(&first, &second), ["network.delay", "rate"]);
         assert!(differing(&first, &first).is_empty());
+    }
+
+    #[test]
+    fn many_experiments_differ_where_two_do() {
+        let swept = |delay: &str, seed: Value, tcp_nodelay: bool| {
+            Settings::from_json(
+                json!({"network": {"delay": delay, "seed": seed}, "ros": {"tcp_nodelay": tcp_nodelay}}),
+                workload::settings::Dynamics::default(),
+            )
+            .unwrap()
+        };
+        let all = [
+            swept("10ms", Value::Null, true),
+            swept("20ms", Value::Null, true),
+            swept("10ms", json!(7), true),
+            swept("10ms", json!(8), false),
+            swept("10ms", Value::Null, true),
+        ];
+        let experiments = Experiments::of(&all);
+        for (a, first) in all.iter().enumerate() {
+            for (b, second) in all.iter().enumerate() {
+                let differ = !differing_settings(first, second).is_empty();
+                assert_eq!(experiments.are_unlike(a, b), differ, "{a} and {b}");
+            }
+        }
+        assert!(experiments.are_unlike(2, 3) && !experiments.are_unlike(0, 2));
     }
 
     #[test]

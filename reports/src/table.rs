@@ -1,20 +1,16 @@
 //! The tables before they are drawn: the paper's I to V in its layout, and what stands beside them. A cell without data says
 //! so; it is never a zero. The main type is [`Table`].
 
-#[cfg(feature = "columns")]
 mod against_controls;
 mod conclusions;
 mod contrasts;
 mod differences;
-#[cfg(feature = "columns")]
 mod layers;
 mod packets;
-#[cfg(feature = "columns")]
 mod platforms;
 mod releases;
 mod schedule;
 mod within;
-#[cfg(feature = "columns")]
 mod within_scenarios;
 
 use std::collections::BTreeSet;
@@ -25,7 +21,6 @@ use crate::{
     comparison::FrameError,
     report::{Report, ScenarioReport, Standing},
 };
-#[cfg(feature = "columns")]
 use {crate::frames, std::collections::BTreeMap};
 
 /// A table in no particular medium.
@@ -65,7 +60,6 @@ pub(crate) const NO_DATA: &str = "no data";
 const NAME_WIDTH: usize = 28;
 
 /// And that of a platform.
-#[cfg(feature = "columns")]
 const PLATFORM_WIDTH: usize = 16;
 
 const NOT_INDEPENDENT: &str = "The pairs of a count share their windows: with four windows a side, 16 pairs are made of \
@@ -77,7 +71,6 @@ const NOT_INDEPENDENT: &str = "The pairs of a count share their windows: with fo
 ///
 /// # Errors
 /// When polars refuses, which would be a fault of ours.
-#[cfg(feature = "columns")]
 pub(crate) fn of_the_paper(report: &Report) -> Result<Vec<Table>, FrameError> {
     let scenarios = frames::scenarios(report)?;
     let counts = frames::counts(report)?;
@@ -89,12 +82,6 @@ pub(crate) fn of_the_paper(report: &Report) -> Result<Vec<Table>, FrameError> {
     ];
     tables.extend(against_controls::of(report, &counts)?);
     Ok(tables)
-}
-
-/// Without polars there is nothing to make them of.
-#[cfg(not(feature = "columns"))]
-pub(crate) const fn of_the_paper(_: &Report) -> Result<Vec<Table>, FrameError> {
-    Ok(Vec::new())
 }
 
 /// What stands beside them.
@@ -132,7 +119,6 @@ fn verdicts_note(report: &Report) -> Option<String> {
 }
 
 /// A count, with a mark where the two did not run the same experiment, which the report's remarks explain.
-#[cfg(feature = "columns")]
 fn marked(count: String, is_unlike: bool) -> String {
     if is_unlike { format!("{count} *") } else { count }
 }
@@ -167,7 +153,6 @@ fn no_control(report: &Report) -> String {
 
 /// What the platforms of one side of some counts are called: by their operating system alone where it has no other platform
 /// among them.
-#[cfg(feature = "columns")]
 fn short_platforms(
     counts: &polars::frame::DataFrame,
     side: &str,

@@ -135,7 +135,7 @@ fn captured(scenario: &ScenarioRun) -> Vec<CapturedWindow> {
             folder: window.folder.clone(),
             record: (**record).clone(),
         }),
-        WindowState::Broken { .. } | WindowState::Missing => None,
+        WindowState::Broken { .. } | WindowState::Missing { .. } => None,
     });
     windows.filter(CapturedWindow::is_captured).collect()
 }

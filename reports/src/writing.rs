@@ -3,7 +3,7 @@
 
 use std::{
     collections::BTreeSet,
-    fs::{self, File},
+    fs::File,
     io::{self, BufWriter, Read as _, Write},
     path::{Path, PathBuf},
 };
@@ -16,6 +16,7 @@ use crate::{
     render::columns::{self, Pieces},
     report::Report,
     run::Run,
+    run_directory::{Kind as Entry, Place},
 };
 
 /// The folder of the figures, in `report/`.
@@ -113,11 +114,11 @@ pub fn write(run: &Run, report: &Report) -> Result<(), WriteError> {
         let text = format!("{TABLE_OF_OURS}\n{}", table.file());
         files.push((tables.join(table.name).with_extension("tex"), whole(text)));
     }
-    let written: BTreeSet<PathBuf> = files.iter().map(|(name, _)| folder.join(name)).collect();
+    let written: BTreeSet<Place> = files.iter().map(|(name, _)| folder.join(name)).collect();
 
     for inner in [drawings, tables] {
         let inner = folder.join(inner);
-        fs::create_dir_all(&inner).map_err(at(&inner))?;
+        inner.make_folder().map_err(at(&inner))?;
     }
     for (name, content) in files {
         replace(&folder.join(name), content)?;
@@ -128,9 +129,9 @@ pub fn write(run: &Run, report: &Report) -> Result<(), WriteError> {
 
 /// Whether a folder has a report in it.
 #[must_use]
-pub fn is_report_folder(folder: &Path) -> bool {
+pub fn is_report_folder(folder: &Place) -> bool {
     let mut first = [0; REPORT_OF_OURS.len()];
-    let opened = File::open(folder.join("report.json"));
+    let opened = folder.join("report.json").open();
     opened.and_then(|mut file| file.read_exact(&mut first)).is_ok() && first == *REPORT_OF_OURS
 }
 
@@ -173,28 +174,20 @@ fn column_files(report: &Report) -> Vec<(PathBuf, Content<'_>)> {
 }
 
 /// A reader sees the old file or the new one, never a part.
-fn replace(path: &Path, content: Content<'_>) -> Result<(), WriteError> {
-    let mut beside = path.as_os_str().to_owned();
-    beside.push(".new");
-    let beside = PathBuf::from(beside);
-    let file = File::create(&beside).map_err(at(&beside))?;
-    let mut out = BufWriter::new(file);
-    let written = content(&mut out).and_then(|()| out.flush().map_err(Failure::Io));
-    drop(out);
-    if let Err(failure) = written {
-        // What is wrong is told; a part of a file helps nobody.
-        let _ = fs::remove_file(&beside);
-        return Err(failure.at(&beside));
-    }
-    fs::rename(&beside, path).map_err(at(path))
+fn replace(place: &Place, content: Content<'_>) -> Result<(), WriteError> {
+    let (unfinished, mut out) = place.begin().map_err(at(place))?;
+    content(&mut out)
+        .and_then(|()| out.flush().map_err(Failure::Io))
+        .map_err(|failure| failure.at(place))?;
+    unfinished.finish().map(drop).map_err(at(place))
 }
 
 impl Failure {
-    fn at(self, path: &Path) -> WriteError {
+    fn at(self, place: &Place) -> WriteError {
         match self {
-            Self::Io(source) => at(path)(source),
+            Self::Io(source) => at(place)(source),
             // The disk is full, and polars was the one to find out.
-            Self::Columns(_, PolarsError::IO { error, .. }) => at(path)(io::Error::new(error.kind(), error)),
+            Self::Columns(_, PolarsError::IO { error, .. }) => at(place)(io::Error::new(error.kind(), error)),
             Self::Columns(name, source) => WriteError::Columns { name, source },
         }
     }
@@ -202,24 +195,20 @@ impl Failure {
 
 /// Removes what an earlier report has written there and this one has not.
 fn remove_others(
-    folder: &Path,
-    written: &BTreeSet<PathBuf>,
-    is_ours: impl Fn(&Path, &str) -> bool,
+    folder: &Place,
+    written: &BTreeSet<Place>,
+    is_ours: impl Fn(&Place) -> bool,
 ) -> Result<(), WriteError> {
-    for entry in fs::read_dir(folder).map_err(at(folder))? {
-        let path = entry.map_err(at(folder))?.path();
-        let name = path
-            .file_name()
-            .and_then(|name| name.to_str())
-            .unwrap_or_default();
-        if !written.contains(&path) && is_ours(&path, name) {
-            fs::remove_file(&path).map_err(at(&path))?;
+    for (place, kind) in folder.entries().map_err(at(folder))? {
+        if kind == Entry::File && !written.contains(&place) && is_ours(&place) {
+            place.remove_file().map_err(at(&place))?;
         }
     }
     Ok(())
 }
 
-fn is_figure_of_ours(_: &Path, name: &str) -> bool {
+fn is_figure_of_ours(place: &Place) -> bool {
+    let name = place.name();
     let name = name.strip_suffix(".new").unwrap_or(name);
     let is_kind = |kind: &Kind| {
         let rest = name.strip_prefix(kind.prefix());
@@ -228,12 +217,18 @@ fn is_figure_of_ours(_: &Path, name: &str) -> bool {
     Kind::ALL.iter().any(is_kind) && [".svg", ".pdf", ".tex"].iter().any(|end| name.ends_with(end))
 }
 
-fn is_table_of_ours(path: &Path, name: &str) -> bool {
+fn is_table_of_ours(place: &Place) -> bool {
+    let name = place.name();
     let is_table = name.strip_suffix(".new").unwrap_or(name).ends_with(".tex");
-    is_table && fs::read(path).is_ok_and(|bytes| bytes.starts_with(TABLE_OF_OURS.as_bytes()))
+    let begins = || {
+        let mut first = vec![0; TABLE_OF_OURS.len()];
+        let read = place.open().and_then(|mut file| file.read_exact(&mut first));
+        read.is_ok() && first == TABLE_OF_OURS.as_bytes()
+    };
+    is_table && begins()
 }
 
-fn at(path: &Path) -> impl FnOnce(io::Error) -> WriteError {
-    let path = path.to_owned();
+fn at(place: &Place) -> impl FnOnce(io::Error) -> WriteError {
+    let path = place.path();
     |source| WriteError::Io { path, source }
 }

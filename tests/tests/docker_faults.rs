@@ -1,7 +1,10 @@
 //! What happens to engines, containers and the ways to them while a window is measured: what was measured is kept, what goes
 //! on is collected whole, and what ended says why.
 
-use std::process::Command;
+use std::{
+    process::Command,
+    time::{Duration, Instant},
+};
 
 use rstest::rstest;
 use serde_json::Value;
@@ -91,8 +94,7 @@ fn a_container_that_is_killed_in_a_window_keeps_the_windows_before_and_says_so()
     running.wait_for("window 1 complete");
     let there = on_the_engine(&workplace);
     let container = there.first().unwrap();
-    let killed = Command::new("docker").args(["kill", container]).output().unwrap();
-    assert!(killed.status.success(), "{killed:?}");
+    docker(&["kill", container]);
     let ran = running.end();
     assert_eq!(ran.code, Some(3), "{ran:?}");
     assert_eq!(whole_windows(&workplace), [1]);
@@ -103,6 +105,57 @@ fn a_container_that_is_killed_in_a_window_keeps_the_windows_before_and_says_so()
     assert_eq!(on_the_engine(&workplace), Vec::<String>::new());
     assert_eq!(resume(&workplace).code, Some(0));
     assert_eq!(whole_windows(&workplace), [1, 2, 3]);
+}
+
+#[test]
+fn what_a_container_measured_that_somebody_removed_is_collected_from_its_volume() {
+    let workplace = Workplace::measuring();
+    workplace.write("m.yaml", matrix("", 3, "4s"));
+    let mut running = workplace.start(&["run", "m.yaml"]);
+    running.wait_for("window 1 complete");
+    let there = on_the_engine(&workplace);
+    docker(&["rm", "--force", there.first().unwrap()]);
+    let ran = running.end();
+    assert_eq!(ran.code, Some(3), "{ran:?}");
+    for words in [
+        "window 1 collected",
+        "it ended without saying how",
+        "matrix resume",
+    ] {
+        assert!(ran.err.contains(words), "{words}: {ran:?}");
+    }
+    let resumed = resume(&workplace);
+    assert_eq!(resumed.code, Some(0), "{resumed:?}");
+    assert_eq!(whole_windows(&workplace), [1, 2, 3]);
+    assert_eq!(on_the_engine(&workplace), Vec::<String>::new());
+}
+
+fn docker(arguments: &[&str]) {
+    let done = Command::new("docker").args(arguments).output().unwrap();
+    assert!(done.status.success(), "{done:?}");
+}
+
+#[test]
+fn a_container_that_stands_still_is_told_and_what_it_measured_before_and_after_counts() {
+    let workplace = Workplace::measuring();
+    workplace.write("m.yaml", matrix("", 3, "4s"));
+    let mut running = workplace.start(&["run", "m.yaml"]);
+    running.wait_for("window 1 complete");
+    let there = on_the_engine(&workplace);
+    let container = there.first().unwrap();
+    docker(&["pause", container]);
+    let begun = Instant::now();
+    running.wait_for("nothing was heard of the workload for 10 s");
+    assert!(begun.elapsed() < Duration::from_secs(15), "{:?}", begun.elapsed());
+    let directory = workplace.run_directory();
+    let status = workplace.run(&["status", directory.to_str().unwrap()]);
+    assert!(status.out.contains("nothing was heard"), "{status:?}");
+    docker(&["unpause", container]);
+    running.wait_for("the workload was heard of again");
+    let ran = running.end();
+    assert_eq!(ran.code, Some(0), "{ran:?}");
+    assert_eq!(whole_windows(&workplace), [1, 2, 3]);
+    assert_eq!(on_the_engine(&workplace), Vec::<String>::new());
 }
 
 #[test]

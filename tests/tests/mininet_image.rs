@@ -22,9 +22,15 @@ fn planned(settings: &str, docker: &str) -> Value {
 }
 
 #[rstest]
+#[case::nothing_may_be_mounted(
+    MININET,
+    ", entrypoint: [with-openvswitch], writable: [/run, /tmp]",
+    "Mininet cannot make a host here",
+    "system_calls: [mount]"
+)]
 #[case::nobody_starts_open_vswitch(
     MININET,
-    ", writable: [/run, /tmp]",
+    ", writable: [/run, /tmp], system_calls: [mount]",
     "Open vSwitch does not answer",
     "entrypoint: [with-openvswitch]"
 )]
@@ -63,7 +69,7 @@ fn what_a_container_lacks_is_said_before_a_run(
 fn with_all_that_the_image_needs_the_kernel_alone_decides() {
     let scenario = planned(
         MININET,
-        ", entrypoint: [with-openvswitch], writable: [/run, /tmp]",
+        ", entrypoint: [with-openvswitch], writable: [/run, /tmp], system_calls: [mount]",
     );
     let kernel = planned("network: {backend: kernel}", "");
     assert_eq!(

@@ -48,11 +48,11 @@ fn a_scenario_whose_need_is_not_met_is_infeasible_with_the_reason_and_the_fix(
         infeasible(&workplace.json(&["run", "m.yaml", "--dry-run"])),
         planned
     );
-    let checked = workplace.json(&["check", "m.yaml"]);
+    let checked = workplace.json(&["check", "m.yaml", "--hosts"]);
     assert_eq!(checked["infeasible"].as_array().unwrap().len(), 1, "{checked:#}");
     assert_eq!(&checked["infeasible"][0]["slug"], slug);
     assert_eq!(&checked["infeasible"][0]["reason"], why);
-    let text = workplace.run(&["check", "m.yaml"]).out;
+    let text = workplace.run(&["check", "m.yaml", "--hosts"]).out;
     assert!(
         text.contains("right, 2 scenarios") && text.contains(reason),
         "{text}"

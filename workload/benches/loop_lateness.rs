@@ -1,11 +1,12 @@
-//! The control loop's lateness against `cyclictest` (Debian's rt-tests) at the same priority and interval, in turn, in
+//! The control loop's lateness against `cyclictest` (Debian's rt-tests) at the same scheduling and interval, in turn, in
 //! one run: `cargo bench -p workload --bench loop_lateness`, as root. Prints percentiles and their ratios; it is not a
 //! test and has no bound.
 //!
-//! Each round measures three things for the same time: the controller of a real window, with its network, captures and
-//! log; `cyclictest` alone; and `cyclictest` while such a window is measured, which shows what the rest of the workload
-//! does to a thread of this priority. With `LOAD=1` every processor is kept busy meanwhile by an ordinary thread.
-//! `ROUNDS`, `SECONDS` and `RATE_HZ` change the rest.
+//! It does so for `robust` at its real-time priority, and for `author` at ordinary scheduling. Each round measures three
+//! things for the same time: the controller of a real window, with its network, captures and log; `cyclictest` alone; and
+//! `cyclictest` while such a window is measured, which shows what the rest of the workload does to a thread of this
+//! scheduling. With `LOAD=1` every processor is kept busy meanwhile by an ordinary thread. `ROUNDS` and `SECONDS` change the
+//! rest.
 
 #![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic, clippy::print_stdout)]
 
@@ -22,52 +23,33 @@ use std::{
 
 use workload::record::{platform::PlatformRecord, window::WindowRecord};
 
-const PRIORITY: u8 = 80;
 /// The histogram of cyclictest goes that far; it says how many were beyond.
 const LONGEST_US: usize = 100_000;
+
+/// What is compared.
+const CASES: [Case; 2] = [
+    Case {
+        dynamics: "robust",
+        priority: 80,
+        rate_hz: 250,
+        cyclictest: &["--mlockall", "--policy=fifo", "--priority=80"],
+    },
+    Case {
+        dynamics: "author",
+        priority: 0,
+        rate_hz: 50,
+        cyclictest: &["--policy=other", "--priority=0"],
+    },
+];
 
 fn main() {
     let plan = Plan {
         rounds: setting("ROUNDS", 6),
         seconds: setting("SECONDS", 20),
-        rate_hz: setting("RATE_HZ", 250),
     };
     let load = Load::start(setting("LOAD", 0) > 0);
-    let (mut own, mut alone, mut beside) = (Samples::default(), Samples::default(), Samples::default());
-    let mut stolen = Vec::new();
-    for _ in 0..plan.rounds {
-        let (lateness, share) = plan.window();
-        own.extend(lateness);
-        stolen.extend(share);
-        alone.extend(plan.cyclictest());
-        let window = plan.start_window();
-        beside.extend(plan.cyclictest());
-        finish(window.0);
-    }
+    CASES.iter().for_each(|case| plan.compare(case));
     drop(load);
-    println!(
-        "{} rounds of {} s at {} Hz, SCHED_FIFO {PRIORITY}, {} processors, steal {:.2} %",
-        plan.rounds,
-        plan.seconds,
-        plan.rate_hz,
-        thread::available_parallelism().map_or(0, usize::from),
-        stolen.iter().sum::<f64>() * 100.0 / stolen.len().max(1) as f64,
-    );
-    println!(
-        "{:30} {:>8} {:>8} {:>8} {:>8} {:>8}",
-        "us", "steps", "p50", "p99", "p99.9", "max"
-    );
-    own.print("control loop");
-    alone.print("cyclictest alone");
-    beside.print("cyclictest beside a window");
-    println!(
-        "control loop / cyclictest alone  at p99.9: {:.2}",
-        own.at(0.999) / alone.at(0.999)
-    );
-    println!(
-        "control loop / cyclictest beside at p99.9: {:.2}",
-        own.at(0.999) / beside.at(0.999)
-    );
 }
 
 fn setting(name: &str, default: u64) -> u64 {
@@ -77,21 +59,66 @@ fn setting(name: &str, default: u64) -> u64 {
     })
 }
 
+/// Dynamics, and `cyclictest` as its controller is scheduled.
+struct Case {
+    dynamics: &'static str,
+    /// Real-time priority of the loop; 0 for none.
+    priority: u8,
+    rate_hz: u64,
+    cyclictest: &'static [&'static str],
+}
+
 /// How long and how often.
 struct Plan {
     rounds: u64,
     seconds: u64,
-    rate_hz: u64,
 }
 
 impl Plan {
+    fn compare(&self, case: &Case) {
+        let (mut own, mut alone, mut beside) = (Samples::default(), Samples::default(), Samples::default());
+        let mut stolen = Vec::new();
+        for _ in 0..self.rounds {
+            let (lateness, share) = self.window(case);
+            own.extend(lateness);
+            stolen.extend(share);
+            alone.extend(self.cyclictest(case));
+            let window = self.start_window(case);
+            beside.extend(self.cyclictest(case));
+            finish(window.0);
+        }
+        println!(
+            "{}: {} rounds of {} s at {} Hz, {}, {} processors, steal {:.2} %",
+            case.dynamics,
+            self.rounds,
+            self.seconds,
+            case.rate_hz,
+            case.scheduling(),
+            thread::available_parallelism().map_or(0, usize::from),
+            stolen.iter().sum::<f64>() * 100.0 / stolen.len().max(1) as f64,
+        );
+        println!(
+            "{:30} {:>8} {:>8} {:>8} {:>8} {:>8}",
+            "us", "steps", "p50", "p99", "p99.9", "max"
+        );
+        own.print("control loop");
+        alone.print("cyclictest alone");
+        beside.print("cyclictest beside a window");
+        for (name, other) in [("alone ", &alone), ("beside", &beside)] {
+            println!(
+                "control loop / cyclictest {name} at p99.9: {:.2}",
+                own.at(0.999) / other.at(0.999)
+            );
+        }
+    }
+
     /// How late the controller's steps of one window began, in nanoseconds, and the steal meanwhile.
-    fn window(&self) -> (Vec<i64>, Option<f64>) {
-        let (window, data) = self.start_window();
+    fn window(&self, case: &Case) -> (Vec<i64>, Option<f64>) {
+        let (window, data) = self.start_window(case);
         finish(window);
         let platform: PlatformRecord = read_json(&data.path().join("environment.json"));
         assert_eq!(
-            platform.realtime.priority_granted, PRIORITY,
+            platform.realtime.priority_granted, case.priority,
             "without its priority the loop cannot be compared: run as root; {:?}",
             platform.realtime.priority_refusal
         );
@@ -104,11 +131,11 @@ impl Plan {
     }
 
     /// A window that ends after the measuring time, and its folder.
-    fn start_window(&self) -> (Child, tempfile::TempDir) {
+    fn start_window(&self, case: &Case) -> (Child, tempfile::TempDir) {
         let data = tempfile::tempdir().unwrap();
         let settings = format!(
-            r#"{{"dynamics":"robust","window":"{0}s","period":"{0}s","rate":"{1}Hz","control":{{"position":{{"kp":-1.312,"kd":1.299}},"angle":{{"kp":5.79,"kd":0.22}},"phase":"1ms"}},"realtime":{{"priority":{PRIORITY},"lock_memory":true}}}}"#,
-            self.seconds, self.rate_hz
+            r#"{{"dynamics":"{0}","window":"{1}s","period":"{1}s","rate":"{2}Hz","control":{{"phase":"1ms"}}}}"#,
+            case.dynamics, self.seconds, case.rate_hz
         );
         let child = Command::new(env!("CARGO_BIN_EXE_workload"))
             .args([
@@ -129,12 +156,12 @@ impl Plan {
     }
 
     /// What cyclictest measures in the same time, in nanoseconds.
-    fn cyclictest(&self) -> Vec<i64> {
+    fn cyclictest(&self, case: &Case) -> Vec<i64> {
         let output = Command::new("cyclictest")
-            .args(["--quiet", "--mlockall", "--threads=1", "--policy=fifo"])
-            .arg(format!("--priority={PRIORITY}"))
-            .arg(format!("--interval={}", 1_000_000 / self.rate_hz))
-            .arg(format!("--loops={}", self.seconds * self.rate_hz))
+            .args(["--quiet", "--threads=1"])
+            .args(case.cyclictest)
+            .arg(format!("--interval={}", 1_000_000 / case.rate_hz))
+            .arg(format!("--loops={}", self.seconds * case.rate_hz))
             .arg(format!("--histogram={LONGEST_US}"))
             .output()
             .expect("cyclictest is needed: `apt-get install rt-tests`");
@@ -144,6 +171,15 @@ impl Plan {
             String::from_utf8_lossy(&output.stderr)
         );
         histogram(&String::from_utf8_lossy(&output.stdout))
+    }
+}
+
+impl Case {
+    fn scheduling(&self) -> String {
+        match self.priority {
+            0 => "SCHED_OTHER".to_owned(),
+            priority => format!("SCHED_FIFO {priority}"),
+        }
     }
 }
 

@@ -21,7 +21,7 @@ use std::{
         Arc,
         mpsc::{self, Receiver, Sender, TryRecvError},
     },
-    thread::{self, JoinHandle},
+    thread::JoinHandle,
     time::{Duration, SystemTime},
 };
 
@@ -37,7 +37,7 @@ use self::{
     window_sequence::{Boundary, WindowSequence},
 };
 use crate::{
-    network::{Network, NetworkError},
+    network::{self, Network},
     record::window::CaptureRecord,
     settings::CaptureSettings,
     virtual_host::VirtualHost,
@@ -66,14 +66,6 @@ pub struct CapturedWindow {
 /// Why there is no capture.
 #[derive(Debug, Clone, thiserror::Error)]
 pub enum CaptureError {
-    /// The host's namespace could not be entered.
-    #[error("the capture on {host} could not enter its network")]
-    Network {
-        /// Whose.
-        host: VirtualHost,
-        /// Why.
-        source: NetworkError,
-    },
     /// The packet socket could not be opened, or no longer be read.
     #[error("the capture on {host} failed: {action}")]
     Socket {
@@ -138,7 +130,6 @@ impl CaptureError {
     #[must_use]
     pub fn hint(&self) -> Option<String> {
         match self {
-            Self::Network { source, .. } => source.hint(),
             Self::Socket {
                 source: Errno::EPERM, ..
             } => Some("in a container, add the capability NET_RAW".to_owned()),
@@ -214,7 +205,12 @@ impl Capture {
                 let _ = opened.send(Err(error));
             }
         };
-        let thread = start_within(network, host, read)?;
+        let thread = network::spawn(network, host, format!("capture-{host}"), read).map_err(|error| {
+            CaptureError::Thread {
+                host,
+                source: Arc::new(error),
+            }
+        })?;
         // Nothing is sent only if the thread ended early.
         opens.recv().unwrap_or(Err(CaptureError::Ended { host }))?;
         Ok(Self {
@@ -277,37 +273,6 @@ impl Drop for Capture {
             let _ = thread.join();
         }
     }
-}
-
-/// Starts a thread in the host's namespace: threads are where the one is that starts them, and this one starts it from
-/// one that enters the namespace for that alone.
-fn start_within(
-    network: &dyn Network,
-    host: VirtualHost,
-    work: impl FnOnce() + Send + 'static,
-) -> Result<JoinHandle<()>, CaptureError> {
-    let thread_error = |error| CaptureError::Thread {
-        host,
-        source: Arc::new(error),
-    };
-    let start = || {
-        network
-            .enter(host)
-            .map_err(|source| CaptureError::Network { host, source })?;
-        let name = format!("capture-{host}");
-        thread::Builder::new()
-            .name(name)
-            .spawn(work)
-            .map_err(thread_error)
-    };
-    thread::scope(|scope| {
-        let entering = thread::Builder::new()
-            .spawn_scoped(scope, start)
-            .map_err(thread_error)?;
-        entering
-            .join()
-            .unwrap_or_else(|payload| std::panic::resume_unwind(payload))
-    })
 }
 
 /// The reading thread.

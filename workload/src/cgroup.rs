@@ -51,7 +51,7 @@ impl Groups {
 }
 
 /// The files of both versions that say what a group may use, with their controllers.
-const LIMITS: [(&str, &[&str]); 3] = [
+const LIMITS: [(&str, &[&str]); 4] = [
     (
         "cpu",
         &[
@@ -64,6 +64,7 @@ const LIMITS: [(&str, &[&str]); 3] = [
         ],
     ),
     ("cpuset", &["cpuset.cpus.effective", "cpuset.effective_cpus"]),
+    ("pids", &["pids.max"]),
     (
         "memory",
         &[

@@ -72,6 +72,7 @@ pub use self::{
     window_folder::write_whole,
 };
 use crate::{
+    capabilities::drop_unneeded,
     capture::Capture,
     network::{self, Network},
     realtime::{lock_memory, monotonic_ns},
@@ -109,6 +110,8 @@ pub fn run(
     let settings = &request.settings;
     let first = request.windows.first().copied().unwrap_or(1);
     let network = network::open(&settings.network, emulator_priority(settings))?;
+    // Before anything is read that comes over the network, and before any other program is started.
+    drop_unneeded();
     let _doors = Doors::open(network.as_ref())?;
     reporter.say(&Progress::NetworkUp);
     if settings.network.impaired_from == ImpairedFrom::Start {

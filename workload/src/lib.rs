@@ -8,11 +8,13 @@
 //! [`simulation`]. Parts with effects: [`network`], [`capture`], [`ros`], [`realtime`], [`experiment`]. What they leave
 //! behind is described in [`record`]. [`detached`] keeps a workload on a host that its user comes and goes to.
 
+pub mod capabilities;
 pub mod capture;
 pub mod causes;
 mod cgroup;
 mod companion;
 pub mod controller;
+pub mod descriptors;
 pub mod detached;
 pub mod enter;
 pub mod experiment;

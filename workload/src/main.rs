@@ -18,8 +18,9 @@ use std::{
 use clap::{Args, Parser, Subcommand, builder::PossibleValuesParser};
 use nix::sys::signal::{SigSet, Signal};
 use workload::{
+    capabilities::drop_unneeded,
     causes::with_causes,
-    detached, enter,
+    descriptors, detached, enter,
     experiment::{self, Ending, ExperimentError, Program, Reporter, Request},
     network,
     record::progress::{Part, Progress},
@@ -166,6 +167,7 @@ fn run(call: Run) -> ExitCode {
             let path = request.data.clone();
             let outcome = made
                 .map_err(|source| ExperimentError::Write { path, source })
+                .and_then(|()| Ok(descriptors::make_room()?))
                 .and_then(|()| Ok(namespace_root?))
                 .and_then(|()| set_when_told(ends, &stop))
                 .and_then(|()| experiment::run(&request, &reporter, &stop));
@@ -327,6 +329,8 @@ fn set_when_told(ends: SigSet, stop: &Arc<AtomicBool>) -> Result<(), ExperimentE
     let stop = Arc::clone(stop);
     let name = "signals";
     let watcher = thread::Builder::new().name(name.into()).spawn(move || {
+        // It is there before the network.
+        drop_unneeded();
         if ends.wait().is_ok() {
             stop.store(true, Ordering::Relaxed);
         }

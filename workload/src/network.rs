@@ -16,10 +16,15 @@ pub mod star;
 pub mod switch;
 mod userspace;
 
-use std::hash::{BuildHasher, Hasher, RandomState};
+use std::{
+    hash::{BuildHasher, Hasher, RandomState},
+    io,
+    thread::JoinHandle,
+};
 
 use nix::errno::Errno;
 
+pub use self::namespace::Work;
 pub use self::namespace::become_namespace_root;
 pub(crate) use self::namespace::errno;
 use self::{
@@ -37,11 +42,18 @@ use crate::{
 /// Three hosts and the links between them, up from [`open`] until it is dropped.
 pub trait Network: Send + Sync {
     /// Moves the calling thread into the host's network namespace: sockets it opens from now on are there, those
-    /// opened before stay where they are. Threads that it starts later are there, too.
+    /// opened before stay where they are. Threads that it starts later are there, too. The thread must have
+    /// CAP_SYS_ADMIN; the experiment, which has not, uses [`spawn`].
     ///
     /// # Errors
     /// If the kernel refuses.
     fn enter(&self, host: VirtualHost) -> Result<(), NetworkError>;
+
+    /// Has a thread that is in the host's namespace do something short, sometime. [`spawn`] is what it is for.
+    ///
+    /// # Errors
+    /// If there is no such thread.
+    fn give(&self, host: VirtualHost, work: Work) -> io::Result<()>;
 
     /// The name of the host's interface, inside its namespace.
     fn interface(&self, host: VirtualHost) -> String;
@@ -239,6 +251,19 @@ pub fn open(settings: &NetworkSettings, emulator_priority: u8) -> Result<Box<dyn
         NetworkBackend::Kernel => Ok(Box::new(Kernel::open(settings)?)),
         NetworkBackend::Mininet => Ok(Box::new(Mininet::open(settings)?)),
     }
+}
+
+/// Starts a thread in a host's network namespace.
+///
+/// # Errors
+/// If it cannot be started.
+pub fn spawn<T: Send + 'static>(
+    network: &dyn Network,
+    host: VirtualHost,
+    name: String,
+    work: impl FnOnce() -> T + Send + 'static,
+) -> io::Result<JoinHandle<T>> {
+    namespace::spawn_by(|starting| network.give(host, starting), name, work)
 }
 
 /// Whether such a network can work here: makes what one host needs, and drops it. An ordinary user calls

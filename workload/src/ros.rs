@@ -23,6 +23,8 @@ mod crew;
 mod error;
 pub mod float64_multi_array;
 mod frames;
+#[doc(hidden)]
+pub mod fuzzing;
 mod master;
 mod message_type;
 mod name;

@@ -466,6 +466,9 @@ impl Settings {
         found
     }
 
+    /// Windows of a scenario, each of which is a folder.
+    pub const MOST_WINDOWS: u32 = 10_000;
+
     /// What is wrong with these settings; empty if the experiment can run with them.
     #[must_use]
     pub fn problems(&self) -> Vec<SettingsProblem> {
@@ -478,6 +481,13 @@ impl Settings {
                 "windows",
                 "there is no window to measure".into(),
                 "write at least 1".into(),
+            );
+        }
+        if self.windows > Self::MOST_WINDOWS {
+            problem(
+                "windows",
+                format!("{} windows are more than anybody measures", self.windows),
+                format!("write at most {}", Self::MOST_WINDOWS),
             );
         }
         let period = self.period.as_nanos();

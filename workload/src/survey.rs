@@ -16,7 +16,7 @@ use nix::{
 };
 
 use crate::{
-    capture,
+    capabilities, capture,
     causes::with_causes,
     cgroup, experiment, network, realtime,
     record::{
@@ -81,6 +81,7 @@ pub fn platform(realtime: RealtimeGrant) -> PlatformRecord {
         time_daemons: software::time_daemons(),
         workload_version: VERSION.to_owned(),
         ros_master: None,
+        privileges: Some(capabilities::of_all_threads()),
         realtime,
     }
 }
@@ -90,6 +91,8 @@ pub fn platform(realtime: RealtimeGrant) -> PlatformRecord {
 #[must_use]
 pub fn check(settings: &Settings, namespace_root: Result<(), network::NetworkError>) -> CheckRecord {
     let network = namespace_root.and_then(|()| network::survey(&settings.network));
+    // As a run does before it starts the programs that are tried next.
+    capabilities::drop_unneeded();
     let checks = vec![
         Check {
             name: "network".into(),

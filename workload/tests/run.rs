@@ -239,6 +239,42 @@ fn a_node_that_is_killed_ends_the_run_with_its_name_and_the_window_is_kept(#[cas
     assert!(!record.complete && record.steps_done > 0, "{record:?}");
 }
 
+/// Whoever started it, root or an ordinary user in a namespace of its own: nothing by which a machine is taken over is left, in
+/// any thread of any of its processes.
+#[test]
+fn what_measures_has_given_up_the_right_to_make_namespaces() {
+    /// `DAC_OVERRIDE`, `SETGID`, `SETUID`, `NET_ADMIN`, `NET_RAW`, `IPC_LOCK`, `SYS_NICE` (`linux/capability.h`).
+    const KEPT: u64 = 1 << 1 | 1 << 6 | 1 << 7 | 1 << 12 | 1 << 13 | 1 << 14 | 1 << 23;
+    let _machine = MACHINE.lock().unwrap_or_else(PoisonError::into_inner);
+    let folder = tempfile::tempdir().unwrap();
+    let data = folder.path().join("data");
+    let mut run = Run::start(&data, AUTHOR, "1");
+    run.read_until(|progress| matches!(progress, Progress::Measuring { .. }));
+    let pid = run.child.id();
+    let processes: Vec<u32> = children_of(pid).into_iter().chain([pid]).collect();
+    assert_eq!(processes.len(), 4);
+    for process in processes {
+        for task in fs::read_dir(format!("/proc/{process}/task")).unwrap() {
+            let status = fs::read_to_string(task.unwrap().path().join("status")).unwrap();
+            for set in ["CapInh:", "CapPrm:", "CapEff:", "CapBnd:", "CapAmb:"] {
+                let line = status.lines().find_map(|line| line.strip_prefix(set)).unwrap();
+                let has = u64::from_str_radix(line.trim(), 16).unwrap();
+                assert_eq!(has & !KEPT, 0, "{status}");
+            }
+            assert!(status.contains("NoNewPrivs:\t1"), "{status}");
+        }
+    }
+    let (_, status) = run.finish();
+    assert!(status.success(), "{status}");
+    let survey: SurveyRecord = read_json(&data.join("environment.json"));
+    let privileges = survey.before.privileges.unwrap();
+    assert!(privileges.no_new_privileges, "{privileges:?}");
+    assert!(
+        !privileges.capabilities.iter().any(|name| name == "SYS_ADMIN"),
+        "{privileges:?}"
+    );
+}
+
 #[test]
 fn nodes_end_with_a_workload_that_is_killed() {
     let _machine = MACHINE.lock().unwrap_or_else(PoisonError::into_inner);

@@ -1,11 +1,13 @@
-//! `matrix check FILE`: whether a matrix file is right, and what of it cannot run here.
+//! `matrix check FILE`: whether a matrix file is right, and, asked for, what of it cannot run.
+//!
+//! Unless it is asked for, nothing that the file names is reached or started: the file may be somebody else's.
 
 use std::path::PathBuf;
 
 use clap::Args;
 use serde_json::json;
 
-use super::plan::{self, Planned, plan};
+use super::plan::{self, plan, plan_unasked};
 use crate::{
     arguments::{OutputArguments, SelectionArguments},
     exit::Exit,
@@ -17,6 +19,10 @@ use crate::{
 pub struct CheckArguments {
     /// The matrix file.
     file: PathBuf,
+    /// Ask the hosts and engines that the file names what they can do, as `matrix plan` does: this logs in to them and starts
+    /// the file's images.
+    #[arg(long)]
+    hosts: bool,
     #[command(flatten)]
     selection: SelectionArguments,
     #[command(flatten)]
@@ -28,7 +34,14 @@ pub struct CheckArguments {
 /// # Errors
 /// All that is wrong with the file.
 pub async fn execute(arguments: &CheckArguments) -> Result<Exit, Complaint> {
-    let Planned { plan, .. } = plan(&arguments.file, &arguments.selection, arguments.output).await?;
+    let plan = match arguments.hosts {
+        true => {
+            plan(&arguments.file, &arguments.selection, arguments.output)
+                .await?
+                .plan
+        }
+        false => plan_unasked(&arguments.file, &arguments.selection, arguments.output)?,
+    };
     let scenarios = plan.record.scenarios.len();
     let infeasible = || plan.record.scenarios.iter().filter(|scenario| !scenario.feasible);
     if arguments.output.json {

@@ -3,7 +3,7 @@
 //!
 //! Elsewhere only what belongs to the runs of this user is ours: others may use the same account. Here ours is what
 //! carries our labels or lies in our state folder, and belongs to this user. What a live `matrix` works with is never
-//! touched: its run directory is locked.
+//! touched: it has locked its run by directory and by name.
 
 use std::{collections::BTreeSet, sync::Arc};
 
@@ -11,18 +11,19 @@ use clap::Args;
 use reports::run_directory::{HostRecord, RunDirectory};
 use serde::Deserialize as _;
 use serde_json::json;
-use workload::causes::with_causes;
+use workload::{causes::with_causes, record::name::is_name};
 
 use crate::{
     arguments::OutputArguments,
     exit::Exit,
     host::{self, Here, Host},
-    lease,
+    lease::{self, Holder},
     matrix_file::Connection,
     provider::{self, Leftover, Provider, ProviderError},
     run::register::{self, Entry},
     state_directory::StateDirectory,
     terminal::{self, Complaint},
+    workload_binary,
 };
 
 /// What it takes.
@@ -132,9 +133,15 @@ pub async fn execute(arguments: &CleanArguments) -> Result<Exit, Complaint> {
                     continue;
                 }
             };
-            leftovers.retain(|leftover| asked.is_ours(leftover));
+            // A folder that does not say which provider's it is may be any's.
+            let is_known = |it: &Leftover| {
+                found
+                    .iter()
+                    .any(|found: &Found| found.leftover.resource == it.resource)
+            };
+            leftovers.retain(|leftover| asked.is_ours(leftover) && !is_known(leftover));
             for leftover in leftovers {
-                let fate = fate(&asked, provider.as_ref(), &leftover, arguments.dry_run).await;
+                let fate = fate(&asked, &state, provider.as_ref(), &leftover, arguments.dry_run).await;
                 if !arguments.output.json {
                     terminal::result(&line(&asked, &leftover, &fate));
                 }
@@ -143,6 +150,9 @@ pub async fn execute(arguments: &CleanArguments) -> Result<Exit, Complaint> {
         }
     }
     forget(&entries, &state, &found, &silent);
+    if !arguments.dry_run {
+        workload_binary::remove_unfinished(&state);
+    }
     if arguments.output.json {
         terminal::json(&json!({
             "leftovers": found.iter().map(|found| json!({
@@ -163,11 +173,13 @@ pub async fn execute(arguments: &CleanArguments) -> Result<Exit, Complaint> {
             })).collect::<Vec<_>>(),
         }));
     } else if !arguments.output.quiet {
-        if found.is_empty() {
-            terminal::remark("nothing of ours is left");
-        }
         for Silent { place, error, .. } in &silent {
             terminal::remark(&format!("{place} could not be asked: {error}"));
+        }
+        match (found.is_empty(), silent.is_empty()) {
+            (true, true) => terminal::remark("nothing of ours is left"),
+            (true, false) => terminal::remark("nothing of ours is left where it could be asked"),
+            (false, _) => {}
         }
     }
     match found.iter().find_map(|found| found.fate.refusal()) {
@@ -217,7 +229,8 @@ fn forget(entries: &[Entry], state: &StateDirectory, found: &[Found], silent: &[
                 && (silent.provider == "native" || entry.providers.contains(silent.provider))
         };
         let is_unreadable = |host: &HostRecord| Connection::deserialize(&host.connect).is_err();
-        let goes_on = lease::is_held(&RunDirectory::new(&entry.run_directory).lock());
+        let goes_on = register::is_taken(state, &entry.run)
+            || lease::is_held(&RunDirectory::new(&entry.run_directory).lock());
         if !goes_on
             && !entry.hosts.iter().any(is_unreadable)
             && !found.iter().any(is_left)
@@ -229,23 +242,48 @@ fn forget(entries: &[Entry], state: &StateDirectory, found: &[Found], silent: &[
     }
 }
 
-async fn fate(asked: &Asked, provider: &dyn Provider, leftover: &Leftover, only_list: bool) -> Fate {
-    let run = leftover.run_directory.as_deref().map(RunDirectory::new);
-    // What runs share belongs to whichever runs now.
-    let in_use = match run {
-        Some(run) => lease::is_held(&run.lock()),
-        // A host without a workload to ask by has no lease, either. What is in use after all its platform does not remove.
-        None => host::lease::is_held(asked.host.as_ref()).await.unwrap_or(false),
-    };
-    if in_use {
+async fn fate(
+    asked: &Asked,
+    state: &StateDirectory,
+    provider: &dyn Provider,
+    leftover: &Leftover,
+    only_list: bool,
+) -> Fate {
+    if is_in_use(asked, state, leftover).await {
         return Fate::InUse;
     }
     if only_list {
         return Fate::Listed;
     }
+    // Nobody is to go on with it while it is removed.
+    let here = Holder::this_process(state.path());
+    let _taken = match named(leftover).map(|run| register::take(state, &here, run)) {
+        Some(Ok(Err(_))) => return Fate::InUse,
+        Some(Ok(Ok(taken))) => Some(taken),
+        // Without a state folder nobody else takes it, either.
+        Some(Err(_)) | None => None,
+    };
     match provider.remove(leftover).await {
         Ok(()) => Fate::Removed,
         Err(error) => Fate::Refused(error),
+    }
+}
+
+/// The run of a leftover, if it is the name of one: others write labels, too.
+fn named(leftover: &Leftover) -> Option<&str> {
+    leftover.run.as_deref().filter(|run| is_name(run))
+}
+
+async fn is_in_use(asked: &Asked, state: &StateDirectory, leftover: &Leftover) -> bool {
+    // Its directory may have been moved since.
+    if named(leftover).is_some_and(|run| register::is_taken(state, run)) {
+        return true;
+    }
+    match leftover.run_directory.as_deref().map(RunDirectory::new) {
+        Some(run) => lease::is_held(&run.lock()),
+        // What runs share belongs to whichever runs now. A host without a workload to ask by has no lease, either. What is in
+        // use after all its platform does not remove.
+        None => host::lease::is_held(asked.host.as_ref()).await.unwrap_or(false),
     }
 }
 
@@ -256,7 +294,7 @@ fn line(asked: &Asked, leftover: &Leftover, fate: &Fate) -> String {
         .as_deref()
         .map(|run| format!(" of run {run}"))
         .unwrap_or_default();
-    let running = if leftover.running { ", still measuring" } else { "" };
+    let running = if leftover.running { ", still running" } else { "" };
     let place = match asked.host.is_this_machine() {
         true => String::new(),
         false => format!(" on {}", asked.host.name()),

@@ -16,6 +16,6 @@ pub struct CompletionsArguments {
 pub fn execute(arguments: &CompletionsArguments) -> Exit {
     let mut script = Vec::new();
     clap_complete::generate(arguments.shell, &mut Arguments::command(), "matrix", &mut script);
-    terminal::result(&String::from_utf8_lossy(&script));
+    terminal::verbatim(&String::from_utf8_lossy(&script));
     Exit::Done
 }

@@ -21,7 +21,7 @@ use crate::{
         self, Availability, ProviderError, ProviderSettings, Roster,
         detached::{ClockReading, Keeper},
     },
-    run::room,
+    room,
     state_directory::StateDirectory,
     survey,
     terminal::{self, Complaint},

@@ -15,6 +15,7 @@ use crate::{
     arguments::OutputArguments,
     command::report::unreadable,
     exit::Exit,
+    matrix_file,
     terminal::{self, Complaint},
 };
 
@@ -236,14 +237,19 @@ fn in_order(mut nights: Vec<Night>) -> Vec<Night> {
     nights
 }
 
+/// Reads a file of changes that are known.
+pub(crate) fn acknowledgements(text: &str) -> Result<Acknowledgements, serde_yaml::Error> {
+    serde_yaml::from_str(text)
+}
+
 /// What a file says is known; nothing without one.
 fn known(path: Option<&PathBuf>) -> Result<Acknowledgements, Complaint> {
     let Some(path) = path else {
         return Ok(Acknowledgements::default());
     };
     const HINT: &str = "docs/drift.md says what stands in it";
-    let text = fs::read_to_string(path).map_err(|error| wrong(path, &error, HINT))?;
-    let known: Acknowledgements = serde_yaml::from_str(&text).map_err(|error| wrong(path, &error, HINT))?;
+    let text = matrix_file::text_within_limits(path).map_err(Complaint::of_mistakes)?;
+    let known = acknowledgements(&text).map_err(|error| wrong(path, &error, HINT))?;
     match known.problems().first() {
         Some(problem) => Err(Complaint {
             what: format!("{}: {problem}", path.display()).into(),
@@ -270,7 +276,7 @@ fn tell(arguments: &DriftArguments, found: &Drift) -> Result<(), Complaint> {
     write(&arguments.junit, found.junit())?;
     write(&arguments.webhook, format!("{:#}\n", found.webhook()))?;
     if arguments.github {
-        terminal::result(&found.github_annotations());
+        terminal::verbatim(&found.github_annotations());
         if let Some(path) = env::var_os("GITHUB_STEP_SUMMARY").map(PathBuf::from) {
             append(&path, &found.github_summary()).map_err(|error| unwritable(&path, &error))?;
         }

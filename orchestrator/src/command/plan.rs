@@ -21,8 +21,7 @@ use crate::{
     matrix_file::{Diagnostics, MatrixFile},
     plan::{self, HostFacts, Plan, Selection, WindowDesign},
     provider::Roster,
-    run::room,
-    survey,
+    room, survey,
     terminal::{self, Complaint},
 };
 
@@ -111,24 +110,51 @@ pub async fn plan(
     selection: &SelectionArguments,
     output: OutputArguments,
 ) -> Result<Planned, Complaint> {
-    let file = MatrixFile::read(path, selection.profile.as_deref()).map_err(Complaint::of_mistakes)?;
+    let file = read(path, selection)?;
     let roster = survey::roster(&file);
     let facts = survey::survey(&file, &roster).await;
-    let selected = Selection {
-        only: selection.only.clone(),
-        skip: selection.skip.clone(),
-    };
-    let plan = plan::plan(&file, &facts, &selected, selection.order, selection.seed)
-        .map_err(Complaint::of_mistakes)?;
-    if !plan.warnings.is_empty() && !output.quiet {
-        terminal::mistakes(&plan.warnings);
-    }
+    let plan = plan_on(&facts, &file, selection, output)?;
     Ok(Planned {
         file,
         plan,
         roster,
         facts,
     })
+}
+
+/// Reads a matrix file, asks nobody, plans, and shows the warnings.
+///
+/// # Errors
+/// All that is wrong with the file.
+pub fn plan_unasked(
+    path: &Path,
+    selection: &SelectionArguments,
+    output: OutputArguments,
+) -> Result<Plan, Complaint> {
+    let file = read(path, selection)?;
+    plan_on(&survey::unasked(&file), &file, selection, output)
+}
+
+fn read(path: &Path, selection: &SelectionArguments) -> Result<MatrixFile, Complaint> {
+    MatrixFile::read(path, selection.profile.as_deref()).map_err(Complaint::of_mistakes)
+}
+
+fn plan_on(
+    facts: &BTreeMap<String, HostFacts>,
+    file: &MatrixFile,
+    selection: &SelectionArguments,
+    output: OutputArguments,
+) -> Result<Plan, Complaint> {
+    let selected = Selection {
+        only: selection.only.clone(),
+        skip: selection.skip.clone(),
+    };
+    let plan = plan::plan(file, facts, &selected, selection.order, selection.seed)
+        .map_err(Complaint::of_mistakes)?;
+    if !plan.warnings.is_empty() && !output.quiet {
+        terminal::mistakes(&plan.warnings);
+    }
+    Ok(plan)
 }
 
 /// The plan as JSON.
@@ -156,6 +182,7 @@ pub fn as_json(plan: &Plan) -> Value {
         })),
         "windows_as_units": plan.windows,
         "data_bytes": data_bytes(plan),
+        "rights": plan.rights,
         "warnings": plan.warnings.to_json(),
     })
 }
@@ -168,6 +195,9 @@ pub fn as_text(plan: &Plan) -> String {
     if record.order.is_empty() {
         text.push_str("nothing can run here\n");
         return text;
+    }
+    for right in &plan.rights {
+        let _ = writeln!(text, "{}: {}: {}", right.setting, right.asked, right.means);
     }
     let measuring = humantime::format_duration(Duration::from_secs_f64(record.measuring_s));
     let _ = writeln!(

@@ -6,7 +6,7 @@ use clap::Args;
 use reports::{
     ReadError,
     redaction::{self, CopyError, Redaction},
-    run_directory::RunDirectory,
+    run_directory::{RunDirectory, RunRecords},
 };
 use serde_json::json;
 
@@ -54,9 +54,8 @@ pub fn execute(arguments: &RedactArguments) -> Result<Exit, Complaint> {
 
 /// Makes one copy, and reads it as a report would, so that its checksums hold.
 fn copy(run: &RunDirectory, into: &Path, names: &Redaction) -> Result<PathBuf, Complaint> {
-    let (manifest, _) = reports::run::read_plan(run).map_err(|error| unreadable(&error))?;
-    let name = names.text(&manifest.run);
-    redaction::see_that_it_stays(&name).map_err(|error| refused(&error))?;
+    let records = RunRecords::read(run).map_err(|error| unreadable(&error))?;
+    let name = names.text(&records.manifest.run);
     let to = into.join(name);
     redaction::copy(run, &to, names).map_err(|error| refused(&error))?;
     match reports::load(&to) {
@@ -69,7 +68,8 @@ fn copy(run: &RunDirectory, into: &Path, names: &Redaction) -> Result<PathBuf, C
 fn refused(error: &CopyError) -> Complaint {
     let exit = match error {
         CopyError::Io { .. } => Exit::Infrastructure,
-        CopyError::Read(_) | CopyError::Name { .. } => Exit::Wrong,
+        CopyError::Read(_) => Exit::Wrong,
+        CopyError::Word(_) => return word_of_the_format(error),
     };
     Complaint::new(exit, error, Some(error.hint()))
 }

@@ -11,7 +11,7 @@ use reports::{
     ReadError, Run,
     combination::{Repeated, combine},
     redaction::Redaction,
-    run_directory::{PlannedScenario, RunDirectory},
+    run_directory::{Place, PlannedScenario, RunDirectory},
     settings::ReportSettings,
 };
 
@@ -135,7 +135,7 @@ pub fn execute(arguments: &ReportArguments) -> Result<Exit, Complaint> {
     let mut run = read(arguments)?;
     if let Some(folder) = &arguments.into {
         see_that_a_report_may_go_there(folder)?;
-        run.report_folder.clone_from(folder);
+        run.report_folder = Place::root(folder);
     }
     let options = arguments.of_samples().into_iter().chain(arguments.of_scenarios());
     let settings = arguments.settings(&run, options)?;
@@ -209,7 +209,7 @@ fn read(arguments: &ReportArguments) -> Result<Run, Complaint> {
 /// A folder of somebody else's is never written into: what a report does not have is removed there.
 fn see_that_a_report_may_go_there(folder: &Path) -> Result<(), Complaint> {
     let is_empty = || fs::read_dir(folder).is_ok_and(|mut entries| entries.next().is_none());
-    if !folder.exists() || is_empty() || reports::is_report_folder(folder) {
+    if !folder.exists() || is_empty() || reports::is_report_folder(&Place::root(folder)) {
         return Ok(());
     }
     Err(wrong(

@@ -3,7 +3,7 @@
 use std::path::PathBuf;
 
 use clap::Args;
-use reports::run_directory::PlannedScenario;
+use reports::run_directory::{PlanRecord, PlannedScenario};
 use serde_json::{Value, json};
 
 use crate::{
@@ -14,7 +14,9 @@ use crate::{
         keep::Keep,
         record::RecordedRun,
         session::{self, Show, Wishes},
+        state::RunState,
     },
+    state_directory::StateDirectory,
     terminal::{self, Complaint},
 };
 
@@ -40,17 +42,18 @@ pub struct ResumeArguments {
 pub async fn execute(arguments: &ResumeArguments) -> Result<Exit, Complaint> {
     // Read before locking: a folder that is not a run must not get a lock file.
     let directory = RecordedRun::directory(&arguments.run)?;
-    RecordedRun::read(&directory)?;
+    let recorded = RecordedRun::read(&directory)?;
+    recorded.is_here(&directory, &StateDirectory::of_this_user())?;
     if arguments.dry_run {
-        let recorded = RecordedRun::read(&directory)?;
-        let left = what_is_left(&recorded);
+        let state = recorded.state_in(&directory);
+        let left = what_is_left(&recorded.plan, &state);
         match arguments.output.json {
             true => terminal::json(&as_json(&recorded.manifest.run, &left)),
             false => terminal::result(&as_text(&left)),
         }
         return Ok(Exit::Done);
     }
-    let _lock = session::lock(&directory)?;
+    let _lock = session::lock(&directory, &recorded.manifest.run)?;
     let recorded = RecordedRun::read(&directory)?;
     let show = if arguments.output.quiet {
         Show::Nothing
@@ -82,10 +85,10 @@ struct Left<'a> {
     environment: Option<String>,
 }
 
-fn what_is_left(recorded: &RecordedRun) -> Vec<Left<'_>> {
-    let running = recorded.plan.scenarios.iter().filter(|planned| planned.runs());
+fn what_is_left<'a>(plan: &'a PlanRecord, state: &RunState) -> Vec<Left<'a>> {
+    let running = plan.scenarios.iter().filter(|planned| planned.runs());
     let left = running.filter_map(|scenario| {
-        let state = recorded.state.scenario(&scenario.slug);
+        let state = state.scenario(&scenario.slug);
         (!state.is_settled()).then(|| Left {
             scenario,
             windows: state.wanted(scenario.settings.windows),

@@ -1,6 +1,10 @@
 //! `matrix run FILE`: measures every scenario that can run here and prints the tables.
 
-use std::{fs, path::PathBuf, time::SystemTime};
+use std::{
+    fs,
+    path::{self, PathBuf},
+    time::SystemTime,
+};
 
 use clap::Args;
 use reports::run_directory::{FORMAT, HostRecord, Manifest, Revision};
@@ -20,6 +24,7 @@ use crate::{
         session::{self, Show, Wishes},
         state::RunState,
     },
+    state_directory::StateDirectory,
     terminal::{self, Complaint},
     workload_binary,
 };
@@ -63,6 +68,10 @@ pub async fn execute(arguments: &RunArguments) -> Result<Exit, Complaint> {
     }
     let record = &planned.plan.record;
     if record.order.is_empty() {
+        if quiet {
+            // Nothing else says why.
+            terminal::remark(plan::as_text(&planned.plan).trim_end());
+        }
         return Err(Complaint {
             what: "no scenario can run here".into(),
             hint: Some("`matrix doctor` says what is missing and how to get it".to_owned()),
@@ -70,8 +79,16 @@ pub async fn execute(arguments: &RunArguments) -> Result<Exit, Complaint> {
         });
     }
     let manifest = manifest(arguments, &planned)?;
+    // Plans, labels and leases are JSON and have it in them.
+    if path::absolute(&arguments.out).is_ok_and(|out| out.to_str().is_none()) {
+        return Err(Complaint {
+            what: format!("the name of the folder {} is not UTF-8", arguments.out.display()).into(),
+            hint: Some("give another folder with `--out`".to_owned()),
+            exit: Exit::Wrong,
+        });
+    }
     let directory = RecordedRun::create(&arguments.out.join(&manifest.run), &manifest, record)?;
-    let _lock = session::lock(&directory)?;
+    let _lock = session::lock(&directory, &manifest.run)?;
     if !quiet {
         terminal::remark(&format!(
             "if this is killed, {}",
@@ -116,6 +133,7 @@ fn manifest(arguments: &RunArguments, planned: &Planned) -> Result<Manifest, Com
         providers,
         hosts: hosts(planned)?,
         report: planned.file.report.clone(),
+        state_directory: Some(StateDirectory::of_this_user().path().to_owned()),
         redacted: false,
     })
 }

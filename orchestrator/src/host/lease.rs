@@ -11,14 +11,16 @@
 
 use std::{ffi::OsStr, sync::Arc, time::Duration};
 
+use futures_util::StreamExt as _;
 use serde_json::{Map, Value};
 use tokio::{
-    io::{AsyncBufReadExt as _, AsyncWriteExt as _, BufReader, Lines},
+    io::AsyncWriteExt as _,
     net::unix::{OwnedReadHalf, OwnedWriteHalf},
     sync::{oneshot, watch},
     task::JoinHandle,
     time::{Instant, interval, sleep, timeout},
 };
+use tokio_util::codec::{FramedRead, LinesCodec};
 use workload::record::detached::{Failure, LeaseAnswer, LeaseRequest};
 
 use super::{Host, HostError, Program, ProgramEnd};
@@ -202,10 +204,15 @@ fn named(held: Option<Map<String, Value>>) -> String {
     holder.map_or_else(|| "another process".to_owned(), |holder| holder.to_string())
 }
 
+/// A line with a holder is a few hundred bytes.
+const LONGEST_ANSWER: usize = 64 << 10;
+
+type Answers = FramedRead<OwnedReadHalf, LinesCodec>;
+
 /// `workload detached lease`, running on a host.
 struct Link {
     input: OwnedWriteHalf,
-    lines: Lines<BufReader<OwnedReadHalf>>,
+    lines: Answers,
     end: Box<dyn ProgramEnd>,
 }
 
@@ -223,7 +230,7 @@ impl Link {
         let _ = input.write_all(&line).await;
         Ok(Self {
             input,
-            lines: BufReader::new(output).lines(),
+            lines: FramedRead::new(output, LinesCodec::new_with_max_length(LONGEST_ANSWER)),
             end: running.end,
         })
     }
@@ -285,9 +292,9 @@ impl Link {
     }
 }
 
-/// The next answer; none where it says no more. Cancel-safe.
-async fn next(lines: &mut Lines<BufReader<OwnedReadHalf>>) -> Option<LeaseAnswer> {
-    let line = lines.next_line().await.ok()??;
+/// The next answer; none where it says no more, or what no workload says. Cancel-safe.
+async fn next(lines: &mut Answers) -> Option<LeaseAnswer> {
+    let line = lines.next().await?.ok()?;
     serde_json::from_str(&line).ok()
 }
 

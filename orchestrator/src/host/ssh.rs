@@ -9,7 +9,7 @@
 //! stream leaves behind is a link that the next one need not log in for.
 
 mod command_line;
-mod configuration;
+pub(crate) mod configuration;
 mod deployment;
 mod error;
 mod hop;
@@ -18,6 +18,7 @@ mod known_hosts;
 mod link;
 mod login;
 mod pump;
+mod small_file;
 mod terminal;
 
 use std::{

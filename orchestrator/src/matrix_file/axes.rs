@@ -4,6 +4,8 @@
 
 use std::sync::Arc;
 
+use reports::run_directory::PlanRecord;
+
 use super::{
     diagnostic::{Code, Diagnostic, Diagnostics},
     source::{Source, Span, Spanned},
@@ -91,7 +93,7 @@ pub struct Include {
 }
 
 /// More scenarios than these are a mistake: at the paper's settings a thousand take nine months.
-pub const SCENARIOS: usize = 1000;
+pub const SCENARIOS: usize = PlanRecord::MOST_SCENARIOS;
 /// What to do about too many.
 pub const FEWER: &str = "take values away, or write several matrix files";
 

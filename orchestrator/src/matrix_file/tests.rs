@@ -109,6 +109,9 @@ fn told(bytes: &[u8], profile: Option<&str>) -> Diagnostics {
 #[case::no_hosts("hosts: {}\nmatrix: {}\n")]
 #[case::bad_host_name("hosts:\n  ../lab: {connect: local}\nmatrix: {}\n")]
 #[case::unknown_provider_setting("matrix: {}\nproviders:\n  docker: {imgae: debian}\n")]
+#[case::vagrant_options_that_reach_beyond_the_guest(
+    "matrix: {}\nproviders:\n  libvirt:\n    options: {driver: qemu, uri: 'qemu+ext:///x?command=y', emulator_path: /tmp/x}\n  virtualbox: {options: {customize: [[sharedfolder, add, ':id', --hostpath, /]]}}\n"
+)]
 #[case::mistakes_everywhere(
     "matrix:\n  virtualization: [natvie]\nhosts:\n  lab1: {os: ubuntu, conect: local}\nworkload:\n  rate: 50\n  network: {loss: 1, jitter: soon}\nreport: {metrics: x}\n"
 )]

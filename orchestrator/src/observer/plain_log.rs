@@ -6,6 +6,7 @@ use reports::run_directory::Event;
 use workload::record::progress::Progress;
 
 use super::Observer;
+use crate::terminal;
 
 /// Writes a line for each event that a person wants to know of.
 pub struct PlainLog<W>(W);
@@ -26,12 +27,20 @@ impl<W: Write + Send> Observer for PlainLog<W> {
     }
 }
 
-/// The line for an event; none for what only machines care for.
+/// The line for an event, whatever is in it; none for what only machines care for.
 #[must_use]
 pub fn line(event: &Event) -> Option<String> {
+    words(event).map(|words| terminal::harmless_line(&words))
+}
+
+fn words(event: &Event) -> Option<String> {
     Some(match event {
         Event::RunStarted { resumed: true, .. } => "run: going on".to_owned(),
-        Event::RunStarted { .. } | Event::EnvironmentDiscarding { .. } => return None,
+        Event::RunStarted { .. }
+        | Event::EnvironmentRecorded { .. }
+        | Event::EnvironmentDiscarding { .. } => {
+            return None;
+        }
         Event::HostBusy { host, holder } => format!("{host}: waiting, held by {holder}"),
         Event::ScenarioStarted { scenario, windows } => format!("{scenario}: windows {}", list(windows)),
         Event::EnvironmentCreating {
@@ -48,10 +57,19 @@ pub fn line(event: &Event) -> Option<String> {
             environment,
             running,
         } => {
-            let doing = if *running { "still measuring" } else { "ended" };
-            format!("{scenario}: found {environment} again, {doing}")
+            // Whether it gets on is known when it says so.
+            let doing = if *running { "has not ended" } else { "has ended" };
+            format!("{scenario}: found {environment} again, its workload {doing}")
         }
         Event::Workload { scenario, progress } => format!("{scenario}: {}", said(progress)?),
+        Event::WorkloadSilent { scenario, for_s } => {
+            format!(
+                "{scenario}: nothing was heard of the workload for {for_s} s: it, its host or its engine stands still"
+            )
+        }
+        Event::WorkloadHeard { scenario, after_s } => {
+            format!("{scenario}: the workload was heard of again after {after_s} s")
+        }
         Event::WindowCollected {
             scenario,
             window,

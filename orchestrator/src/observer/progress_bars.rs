@@ -36,7 +36,9 @@ impl ProgressBars {
         let scenarios = planned
             .map(|planned| {
                 let settings = &planned.settings;
-                let steps = settings.steps_per_window() * u64::from(settings.windows);
+                let steps = settings
+                    .steps_per_window()
+                    .saturating_mul(u64::from(settings.windows));
                 let bar = bars.add(ProgressBar::new(steps).with_style(style()));
                 bar.set_prefix(format!("{} {}", planned.id, planned.slug));
                 bar.set_message("waiting");
@@ -79,9 +81,7 @@ impl Observer for ProgressBars {
                 {
                     if let Progress::WindowComplete { .. } = progress {
                         scenario.windows_done += 1;
-                        scenario
-                            .bar
-                            .set_position(scenario.windows_done * scenario.steps_per_window);
+                        scenario.bar.set_position(scenario.steps_before());
                     }
                     scenario.bar.set_message(after_colon(&line));
                 }
@@ -91,7 +91,11 @@ impl Observer for ProgressBars {
                     scenario.bar.abandon_with_message(after_colon(&line));
                 }
             }
-            Event::WindowBroken { .. } | Event::HostBusy { .. } | Event::EnvironmentFound { .. } => {
+            Event::WindowBroken { .. }
+            | Event::HostBusy { .. }
+            | Event::EnvironmentFound { .. }
+            | Event::WorkloadSilent { .. }
+            | Event::WorkloadHeard { .. } => {
                 if let Some(line) = plain_log::line(event) {
                     // As with the plain log: a terminal that went away does not stop a run.
                     let _ = self.bars.println(line);
@@ -103,6 +107,11 @@ impl Observer for ProgressBars {
 }
 
 impl Scenario {
+    /// Steps of the windows that were done before the one under way.
+    fn steps_before(&self) -> u64 {
+        self.windows_done.saturating_mul(self.steps_per_window)
+    }
+
     fn health(&mut self, progress: &Progress) {
         let Progress::Health {
             window,
@@ -114,10 +123,12 @@ impl Scenario {
         else {
             return;
         };
-        let done = self.windows_done * self.steps_per_window + steps_done;
+        // The number is another machine's.
+        let done = self.steps_before().saturating_add(*steps_done);
         self.bar.set_position(done);
         let total = self.bar.length().unwrap_or(done);
-        let left = Duration::from_secs_f64((total.saturating_sub(done) as f64 / self.rate_hz).round());
+        let left_s = (total.saturating_sub(done) as f64 / self.rate_hz).round();
+        let left = Duration::try_from_secs_f64(left_s).unwrap_or(Duration::MAX);
         self.bar.set_message(format!(
             "window {window}/{}, {} left, latest start {:.2} ms, {missed_deadlines} missed",
             self.windows,

@@ -22,6 +22,8 @@ pub struct HostFacts {
     pub kernel: String,
     /// Why it could not be asked what it is, if it could not; then no more is known.
     pub obstacle: Option<Obstacle>,
+    /// Whether it was not to be asked, which is no obstacle.
+    pub left_alone: bool,
     /// What its providers say, by their names. One that is not in it was not asked.
     pub providers: BTreeMap<String, ProviderFacts>,
 }
@@ -98,7 +100,7 @@ impl Offer {
                 fix: None,
             });
         };
-        if facts.obstacle.is_some() {
+        if facts.left_alone || facts.obstacle.is_some() {
             return None;
         }
         let Some(provider) = facts.providers.get(virtualization) else {

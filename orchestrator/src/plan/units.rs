@@ -3,7 +3,7 @@
 
 use reports::{
     family::Member, permutation::smallest_p, power, run_directory::PlannedScenario, settings::ReportSettings,
-    setup::differing_settings,
+    setup::Experiments,
 };
 use serde::Serialize;
 
@@ -40,10 +40,8 @@ impl WindowDesign {
                 Member::new(&scenario.id, &scenario.slug, is_control, &scenario.axes)
             })
             .collect();
-        let is_unlike = |a: usize, b: usize| match (running.get(a), running.get(b)) {
-            (Some(a), Some(b)) => !differing_settings(&a.settings, &b.settings).is_empty(),
-            _ => false,
-        };
+        let experiments = Experiments::of(running.iter().map(|scenario| &scenario.settings));
+        let is_unlike = |a, b| experiments.are_unlike(a, b);
         let pairs = settings.family.asked(&members, is_unlike).len();
         let windows = running.iter().map(|scenario| scenario.settings.windows).min()?;
         if pairs == 0 {

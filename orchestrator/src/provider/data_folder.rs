@@ -17,21 +17,57 @@ use std::{
 };
 
 use rustix::fs::{Mode, OFlags};
-use workload::virtual_host::VirtualHost;
+use workload::{record::window::WindowRecord, virtual_host::VirtualHost};
 
-use super::ProviderError;
+use super::{EnvironmentRequest, ProviderError};
+use crate::room;
+
+/// What is taken of the data folder of an environment: its own windows, and no more than they can come to, whatever its host
+/// sends.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct Allowance {
+    windows: Vec<u32>,
+    bytes: u64,
+}
+
+impl Allowance {
+    /// That of the environment that is made of a request.
+    #[must_use]
+    pub fn of(request: &EnvironmentRequest) -> Self {
+        Self {
+            windows: request.windows.clone(),
+            bytes: room::windows_take_at_most(&request.settings, request.windows.len()),
+        }
+    }
+
+    /// Bytes that a data folder may have in all.
+    #[must_use]
+    pub const fn bytes(&self) -> u64 {
+        self.bytes
+    }
+
+    /// The file that `path`, relative to the data folder, is; none if it is not taken.
+    #[must_use]
+    pub fn file(&self, path: &Path) -> Option<DataFile> {
+        let file = DataFile::at(path)?;
+        let is_taken = file.window.is_none_or(|window| self.windows.contains(&window));
+        is_taken.then_some(file)
+    }
+}
 
 /// A file that a data folder may have.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct DataFile {
     path: PathBuf,
     longest: u64,
+    /// The window that it is of.
+    window: Option<u32>,
 }
 
 /// What one read moves at most.
 const PIECE: usize = 256 << 10;
-/// Settings, platform and progress are kilobytes.
-const LONGEST_RECORD: u64 = 64 << 20;
+/// A line a second: half a year.
+const LONGEST_PROGRESS: u64 = 4 << 30;
 /// A window of 6000 s is some hundred megabytes; a day of the paper's network at full rate stays below this.
 const LONGEST_LOG: u64 = 256 << 30;
 
@@ -43,15 +79,26 @@ impl DataFile {
             Component::Normal(name) => name.to_str(),
             _ => None,
         });
-        let longest = match (names.next()??, names.next(), names.next()) {
-            ("environment.json" | "network.txt" | "progress.jsonl", None, None) => LONGEST_RECORD,
-            (folder, Some(file), None) if is_window(folder) => longest_of_window(file?)?,
+        let (longest, window) = match (names.next()??, names.next(), names.next()) {
+            ("environment.json" | "network.txt", None, None) => (WindowRecord::MOST_BYTES, None),
+            ("progress.jsonl", None, None) => (LONGEST_PROGRESS, None),
+            (folder, Some(file), None) => (longest_of_window(file?)?, Some(window(folder)?)),
             _ => return None,
         };
         Some(Self {
             path: path.to_owned(),
             longest,
+            window,
         })
+    }
+
+    /// The same, of which so many bytes are taken at most.
+    #[must_use]
+    pub fn within(self, bytes: u64) -> Self {
+        Self {
+            longest: self.longest.min(bytes),
+            ..self
+        }
     }
 
     /// Begins the file below `into`, which has no file of that name yet.
@@ -93,17 +140,18 @@ impl DataFile {
             file,
             path,
             room: self.longest.saturating_sub(there),
-            longest: self.longest,
+            there,
+            longest: self.longest.max(there),
         }
     }
 
-    /// Writes the file below `into`, which has no file of that name yet.
-    fn write(&self, into: &Path, content: &mut dyn Read) -> Result<(), ProviderError> {
+    /// Writes the file below `into`, which has no file of that name yet; how many bytes it has.
+    fn write(&self, into: &Path, content: &mut dyn Read) -> Result<u64, ProviderError> {
         let mut arriving = self.begin(into)?;
         let mut piece = vec![0; PIECE];
         loop {
             match content.read(&mut piece) {
-                Ok(0) => return Ok(()),
+                Ok(0) => return Ok(arriving.taken()),
                 Ok(read) => arriving.take(piece.get(..read).unwrap_or_default())?,
                 Err(error) if error.kind() == io::ErrorKind::Interrupted => {}
                 Err(error) => return Err(file_error("write", &arriving.path, error)),
@@ -119,10 +167,17 @@ pub struct Arriving {
     path: PathBuf,
     /// Bytes that it may still get.
     room: u64,
+    /// Bytes that were there before.
+    there: u64,
     longest: u64,
 }
 
 impl Arriving {
+    /// Bytes that have come.
+    pub(super) const fn taken(&self) -> u64 {
+        self.longest - self.there - self.room
+    }
+
     /// Writes its next bytes.
     pub(super) fn take(&mut self, piece: &[u8]) -> Result<(), ProviderError> {
         let fits = usize::try_from(self.room).unwrap_or(usize::MAX).min(piece.len());
@@ -133,7 +188,10 @@ impl Arriving {
         if fits < piece.len() {
             return Err(ProviderError::Data {
                 what: format!("the file {}", self.path.display()),
-                reason: format!("it is longer than {} bytes", self.longest),
+                reason: format!(
+                    "it is longer than {} bytes, which is more than its windows come to",
+                    self.longest
+                ),
             });
         }
         Ok(())
@@ -141,12 +199,10 @@ impl Arriving {
 }
 
 /// `window-N`, N counting from 1 and written in one way only.
-fn is_window(folder: &str) -> bool {
-    folder.strip_prefix("window-").is_some_and(|number| {
-        number
-            .parse::<u32>()
-            .is_ok_and(|window| window > 0 && window.to_string() == number)
-    })
+fn window(folder: &str) -> Option<u32> {
+    let number = folder.strip_prefix("window-")?;
+    let window: u32 = number.parse().ok()?;
+    (window > 0 && window.to_string() == number).then_some(window)
 }
 
 fn longest_of_window(file: &str) -> Option<u64> {
@@ -155,7 +211,7 @@ fn longest_of_window(file: &str) -> Option<u64> {
             .is_some_and(|name| VirtualHost::ALL.iter().any(|host| host.name() == name))
     };
     match file {
-        "window.json" => Some(LONGEST_RECORD),
+        "window.json" => Some(WindowRecord::MOST_BYTES),
         "control.csv" | "plant.csv" => Some(LONGEST_LOG),
         _ if is_capture() => Some(LONGEST_LOG),
         _ => None,
@@ -165,13 +221,14 @@ fn longest_of_window(file: &str) -> Option<u64> {
 /// Copies a data folder that is on this machine.
 ///
 /// # Errors
-/// When a file cannot be read or written, or is longer than any workload writes it; what was copied stays.
-pub fn copy(from: &Path, into: &Path) -> Result<(), ProviderError> {
+/// When a file cannot be read or written, or there is more than any workload writes; what was copied stays.
+pub fn copy(from: &Path, into: &Path, allowance: &Allowance) -> Result<(), ProviderError> {
+    let mut left = allowance.bytes;
     for path in files_below(from, Path::new(""))? {
-        if let Some(file) = DataFile::at(&path) {
+        if let Some(file) = allowance.file(&path) {
             let source = from.join(&path);
             let mut content = open_no_link(&source).map_err(|error| file_error("read", &source, error))?;
-            file.write(into, &mut content)?;
+            left -= file.within(left).write(into, &mut content)?;
         }
     }
     Ok(())
@@ -221,22 +278,28 @@ pub(super) fn files_below(root: &Path, folder: &Path) -> Result<Vec<PathBuf>, Pr
 /// Unpacks a data folder from a tar stream whose entries begin with `root`, as an engine sends it.
 ///
 /// # Errors
-/// When the stream breaks off, a file cannot be written, or one is longer than any workload writes it; what arrived
-/// stays.
-pub fn unpack(stream: impl Read, root: &str, into: &Path) -> Result<(), ProviderError> {
+/// When the stream breaks off, a file cannot be written, or there is more than any workload writes; what arrived stays.
+pub fn unpack(
+    stream: impl Read,
+    root: &str,
+    into: &Path,
+    allowance: &Allowance,
+) -> Result<(), ProviderError> {
     let broken = |source: io::Error| ProviderError::Data {
         what: "the archive with the workload's data".to_owned(),
         reason: source.to_string(),
     };
     let mut archive = tar::Archive::new(stream);
+    let mut left = allowance.bytes;
     for entry in archive.entries().map_err(broken)? {
         let mut entry = entry.map_err(broken)?;
         if entry.header().entry_type() != tar::EntryType::Regular {
             continue;
         }
         let path = entry.path().map_err(broken)?.into_owned();
-        if let Some(file) = path.strip_prefix(root).ok().and_then(DataFile::at) {
-            file.write(into, &mut entry)?;
+        let path = path.strip_prefix(root).ok();
+        if let Some(file) = path.and_then(|path| allowance.file(path)) {
+            left -= file.within(left).write(into, &mut entry)?;
         }
     }
     Ok(())
@@ -279,6 +342,12 @@ mod tests {
     #[case("", false)]
     fn only_a_workloads_files_are_known(#[case] path: &str, #[case] known: bool) {
         assert_eq!(DataFile::at(Path::new(path)).is_some(), known);
+    }
+
+    /// Of three windows.
+    fn allowance(bytes: u64) -> Allowance {
+        let windows = vec![1, 2, 3];
+        Allowance { windows, bytes }
     }
 
     fn entry(archive: &mut tar::Builder<Vec<u8>>, path: &str, kind: tar::EntryType, content: &[u8]) {
@@ -333,7 +402,13 @@ mod tests {
         let outer = tempfile::tempdir().unwrap();
         let into = outer.path().join("into");
         fs::create_dir(&into).unwrap();
-        unpack(&*archive.into_inner().unwrap(), "data", &into).unwrap();
+        unpack(
+            &*archive.into_inner().unwrap(),
+            "data",
+            &into,
+            &allowance(1 << 20),
+        )
+        .unwrap();
         let expected = [("environment.json", "{}"), ("window-1/control.csv", "step")];
         assert_eq!(
             content(&into),
@@ -359,7 +434,13 @@ mod tests {
         );
         let bytes = archive.into_inner().unwrap();
         let into = tempfile::tempdir().unwrap();
-        let error = unpack(bytes.get(..2500).unwrap(), "data", into.path()).unwrap_err();
+        let error = unpack(
+            bytes.get(..2500).unwrap(),
+            "data",
+            into.path(),
+            &allowance(1 << 20),
+        )
+        .unwrap_err();
         assert!(
             matches!(error, ProviderError::Data { .. } | ProviderError::File { .. }),
             "{error}"
@@ -383,7 +464,15 @@ mod tests {
             b"two",
         );
         let into = tempfile::tempdir().unwrap();
-        assert!(unpack(&*archive.into_inner().unwrap(), "data", into.path()).is_err());
+        assert!(
+            unpack(
+                &*archive.into_inner().unwrap(),
+                "data",
+                into.path(),
+                &allowance(1 << 20)
+            )
+            .is_err()
+        );
         assert_eq!(
             fs::read_to_string(into.path().join("environment.json")).unwrap(),
             "one"
@@ -401,7 +490,7 @@ mod tests {
         symlink(path("secret"), path("window-1/control.csv")).unwrap();
         symlink(path("window-1"), path("window-2")).unwrap();
         let into = tempfile::tempdir().unwrap();
-        copy(from.path(), into.path()).unwrap();
+        copy(from.path(), into.path(), &allowance(1 << 20)).unwrap();
         let expected = [("environment.json", "{}"), ("window-1/window.json", "{}")];
         assert_eq!(
             content(into.path()),
@@ -410,16 +499,42 @@ mod tests {
     }
 
     #[test]
+    fn no_more_is_taken_than_the_windows_can_come_to_and_no_other_windows() {
+        let mut archive = tar::Builder::new(Vec::new());
+        for window in 1..=9 {
+            let path = format!("data/window-{window}/control.csv");
+            entry(&mut archive, &path, tar::EntryType::Regular, &[b'x'; 400]);
+        }
+        let bytes = archive.into_inner().unwrap();
+        for (most, whole) in [(1200, true), (1199, false)] {
+            let into = tempfile::tempdir().unwrap();
+            let unpacked = unpack(&*bytes, "data", into.path(), &allowance(most));
+            assert_eq!(unpacked.is_ok(), whole, "{unpacked:?}");
+            let there: usize = content(into.path()).iter().map(|(_, text)| text.len()).sum();
+            assert_eq!(
+                (there, fs::read_dir(into.path()).unwrap().count()),
+                (most as usize, 3)
+            );
+            let again = tempfile::tempdir().unwrap();
+            assert!(copy(into.path(), again.path(), &allowance(1200)).is_ok());
+            let fewer = tempfile::tempdir().unwrap();
+            assert!(copy(into.path(), fewer.path(), &allowance(1198)).is_err());
+        }
+    }
+
+    #[test]
     fn a_file_that_is_too_long_is_refused() {
         let into = tempfile::tempdir().unwrap();
         let file = DataFile {
             path: "environment.json".into(),
             longest: 3,
+            window: None,
         };
         file.write(into.path(), &mut b"abc".as_slice()).unwrap();
         let file = DataFile {
             path: "progress.jsonl".into(),
             longest: 3,
+            window: None,
         };
         let error = file.write(into.path(), &mut b"abcd".as_slice()).unwrap_err();
         assert!(matches!(error, ProviderError::Data { .. }), "{error}");

@@ -8,7 +8,7 @@
 
 mod clock;
 mod environment;
-mod transfer;
+pub(crate) mod transfer;
 
 use std::{sync::Arc, time::Duration};
 

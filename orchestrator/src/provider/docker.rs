@@ -16,7 +16,9 @@ mod environment;
 mod follow;
 mod image;
 mod labels;
+mod seccomp;
 mod settings;
+mod transport;
 
 use std::sync::Arc;
 
@@ -44,9 +46,10 @@ use self::{
 use super::{Availability, Environment, EnvironmentRequest, Leftover, Provider, ProviderError, trial};
 use crate::host::{Host, Program};
 
-pub use settings::DockerSettings;
+pub use settings::{AskedRight, DockerSettings};
 
-const NAME: &str = "docker";
+/// What `virtualization` calls it.
+pub const NAME: &str = "docker";
 const CONTAINER: &str = "container";
 const VOLUME: &str = "volume";
 const IMAGE: &str = "image";
@@ -154,7 +157,7 @@ impl Docker {
         let name = &request.environment;
         let volume = if_there("looking for the volume", engine.api.inspect_volume(name).await)?;
         let labels = Labels::read(volume.map(|volume| volume.labels));
-        if !labels.name_environment(name) {
+        if !labels.are_of(request) {
             return Ok(None);
         }
         let image = Image {
@@ -176,7 +179,7 @@ impl Docker {
         let facts = self.facts(engine, &image, &[]);
         Ok(Some(Box::new(DockerEnvironment::new(
             engine.clone(),
-            name.clone(),
+            request,
             facts,
             remains,
         ))))
@@ -248,10 +251,15 @@ impl Provider for Docker {
             .api
             .create_container(
                 Some(options),
-                container::workload(request, &self.settings, &image),
+                container::workload(request, &self.settings, &image, engine.memory),
             )
             .await
             .map_err(|error| translate(&format!("creating the container {name}"), error))?;
+        if let Err(error) = check_workload(engine, name, &image).await {
+            environment::remove_container(engine, name).await?;
+            environment::remove_volume(engine, name).await?;
+            return Err(error);
+        }
         engine
             .api
             .start_container(name, None::<StartContainerOptions>)
@@ -264,7 +272,7 @@ impl Provider for Docker {
         let facts = self.facts(engine, &image, &created.warnings);
         Ok(Box::new(DockerEnvironment::new(
             engine.clone(),
-            name.clone(),
+            request,
             facts,
             remains,
         )))
@@ -281,7 +289,7 @@ impl Provider for Docker {
         };
         let config = found.config.unwrap_or_default();
         let labels = Labels::read(config.labels);
-        if !labels.name_environment(name) {
+        if !labels.are_of(request) {
             return Ok(None);
         }
         let image = Image {
@@ -297,7 +305,7 @@ impl Provider for Docker {
         let facts = self.facts(engine, &image, &[]);
         Ok(Some(Box::new(DockerEnvironment::new(
             engine.clone(),
-            name.clone(),
+            request,
             facts,
             remains,
         ))))
@@ -337,30 +345,35 @@ impl Provider for Docker {
 
         let options = ListContainersOptionsBuilder::default()
             .all(true)
-            .filters(&labels::only_ours())
+            .filters(&labels::of_any_owner())
             .build();
         for found in engine.api.list_containers(Some(options)).await.map_err(failed)? {
             let running = found.state.is_some_and(|state| state.to_string() == "running");
             let name = found.names.into_iter().flatten().next().or(found.id);
             let name = name.unwrap_or_default();
             let labels = Labels::read(found.labels);
-            leftovers.push(self.leftover(CONTAINER, name.trim_start_matches('/'), &labels, running));
+            if labels.are_ours() {
+                leftovers.push(self.leftover(CONTAINER, name.trim_start_matches('/'), &labels, running));
+            }
         }
 
         let options = ListVolumesOptionsBuilder::default()
-            .filters(&labels::only_ours())
+            .filters(&labels::of_any_owner())
             .build();
         let volumes = engine.api.list_volumes(Some(options)).await.map_err(failed)?;
         for found in volumes.volumes.into_iter().flatten() {
             let labels = Labels::read(Some(found.labels));
-            leftovers.push(self.leftover(VOLUME, &found.name, &labels, false));
+            if labels.are_ours() {
+                leftovers.push(self.leftover(VOLUME, &found.name, &labels, false));
+            }
         }
 
         let options = ListImagesOptionsBuilder::default()
-            .filters(&labels::only_our_images())
+            .filters(&labels::images_of_any_owner())
             .build();
         for found in engine.api.list_images(Some(options)).await.map_err(failed)? {
-            if image::is_our_name(&found.repo_tags) {
+            let labels = Labels::read(Some(found.labels));
+            if labels.are_of_our_image() && image::is_our_name(&found.repo_tags) {
                 let name = found.repo_tags.into_iter().next().unwrap_or(found.id);
                 // Runs share it, whatever an image it was built upon says of its own.
                 leftovers.push(self.leftover(IMAGE, &name, &Labels::default(), false));
@@ -404,6 +417,26 @@ impl Provider for Docker {
             _ => Ok(()),
         }
     }
+}
+
+/// Whether the workload in a container, not started yet, is the one that was built into its image: a name and a label are what
+/// anybody can give an image of his (`docker load`, `docker tag`).
+async fn check_workload(engine: &Engine, container: &str, image: &Image) -> Result<(), ProviderError> {
+    let found = archive::sha256(engine, container, container::WORKLOAD).await?;
+    if found.is_some() && found == image.workload_sha256 {
+        return Ok(());
+    }
+    Err(ProviderError::Unsupported {
+        provider: NAME.to_owned(),
+        reason: format!(
+            "the image {} on the engine has another workload than its name says: somebody else put it there",
+            image.name
+        ),
+        hint: Some(format!(
+            "remove it, with `docker image rm {}`: matrix then builds it anew",
+            image.name
+        )),
+    })
 }
 
 /// An entry point is a program of an image.

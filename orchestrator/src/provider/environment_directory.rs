@@ -19,6 +19,10 @@ use workload::record::detached::Owner;
 use super::{Leftover, ProviderError};
 use crate::state_directory::StateDirectory;
 
+/// What the name of a folder ends with that has not all in it yet: the environment's name is before it, and, of the workload's
+/// own, the number of the process that makes it.
+pub const UNFINISHED: &str = ".unfinished";
+
 /// The folder.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct EnvironmentDirectory(PathBuf);
@@ -69,7 +73,7 @@ impl EnvironmentDirectory {
         // Made beside its place and moved there, so that a folder without its owner is never seen by others.
         let unfinished = Self(
             self.0
-                .with_file_name(format!("{}.unfinished", self.environment())),
+                .with_file_name(format!("{}{UNFINISHED}", self.environment())),
         );
         let made = unfinished.fill(owner).and_then(|()| {
             // A folder that is not empty is not replaced.

@@ -44,16 +44,11 @@ impl Fake {
         }
     }
 
-    fn ours(&self) -> Result<Vec<(EnvironmentDirectory, Owner)>, ProviderError> {
-        let ours = |(directory, owner): (_, Option<Owner>)| {
-            owner
-                .filter(|owner| owner.provider == NAME)
-                .map(|owner| (directory, owner))
-        };
-        Ok(EnvironmentDirectory::all(&self.state)?
-            .into_iter()
-            .filter_map(ours)
-            .collect())
+    fn ours(&self) -> Result<Vec<(EnvironmentDirectory, Option<Owner>)>, ProviderError> {
+        let mut all = EnvironmentDirectory::all(&self.state)?;
+        // A crash may have come before its owner was written, or in the midst of its removal.
+        all.retain(|(_, owner)| owner.as_ref().is_none_or(|owner| owner.provider == NAME));
+        Ok(all)
     }
 }
 
@@ -116,7 +111,7 @@ impl Provider for Fake {
     async fn leftovers(&self) -> Result<Vec<Leftover>, ProviderError> {
         let leftovers = self.ours()?.into_iter().map(|(directory, owner)| {
             // It runs only while somebody asks it to, and then that is its own run.
-            directory.leftover(&self.host, Some(owner), false)
+            directory.leftover(&self.host, owner, false)
         });
         Ok(leftovers.collect())
     }

@@ -84,7 +84,7 @@ impl Native {
 
     async fn environment(
         &self,
-        name: &str,
+        request: &EnvironmentRequest,
         clock: ClockReading,
         running: bool,
     ) -> Result<Box<dyn Environment>, ProviderError> {
@@ -96,7 +96,7 @@ impl Native {
         );
         Ok(Box::new(DetachedEnvironment::new(
             Arc::clone(&self.keeper),
-            name,
+            request,
             facts,
             clock,
             running,
@@ -136,7 +136,7 @@ impl Provider for Native {
     async fn create(&self, request: &EnvironmentRequest) -> Result<Box<dyn Environment>, ProviderError> {
         let (clock, _) = ClockReading::of(&self.keeper).await?;
         self.keeper.start(NAME, request).await?;
-        self.environment(&request.environment, clock, true).await
+        self.environment(request, clock, true).await
     }
 
     async fn find(
@@ -147,7 +147,7 @@ impl Provider for Native {
         match listed.iter().find(|it| it.environment == request.environment) {
             Some(found) if found.started => {
                 let (clock, _) = ClockReading::of(&self.keeper).await?;
-                let environment = self.environment(&request.environment, clock, found.running);
+                let environment = self.environment(request, clock, found.running);
                 Ok(Some(environment.await?))
             }
             _ => Ok(None),

@@ -8,8 +8,8 @@ use super::ProviderError;
 
 const FIRST_PAUSE: Duration = Duration::from_secs(1);
 const LONGEST_PAUSE: Duration = Duration::from_secs(30);
-/// A restart of a host or of its network takes minutes.
-const IN_ALL: Duration = Duration::from_secs(600);
+/// How long something that was reached once is waited for: a restart of a host or of its network takes minutes.
+pub const IN_ALL: Duration = Duration::from_secs(600);
 
 /// With a host or an engine that was reached once and is not now.
 #[derive(Debug, Clone)]

@@ -28,3 +28,18 @@ pub struct ProviderSettings {
     /// Of `virtualization: fake`.
     pub fake: FakeSettings,
 }
+
+impl ProviderSettings {
+    /// Those of the providers that Vagrant drives, with their names.
+    #[must_use]
+    pub const fn of_vagrant(&self) -> [(&'static str, &VagrantSettings); 6] {
+        [
+            ("libvirt", &self.libvirt),
+            ("virtualbox", &self.virtualbox),
+            ("vmware_desktop", &self.vmware_desktop),
+            ("parallels", &self.parallels),
+            ("hyperv", &self.hyperv),
+            ("qemu", &self.qemu),
+        ]
+    }
+}

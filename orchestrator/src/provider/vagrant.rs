@@ -10,10 +10,11 @@
 
 mod inside;
 mod machine;
-mod output;
+pub mod options;
+pub(crate) mod output;
 mod requirements;
 mod settings;
-mod ssh_config;
+pub(crate) mod ssh_config;
 
 use std::sync::Arc;
 
@@ -83,6 +84,18 @@ impl Vagrant {
         }
     }
 
+    /// Whether a run that somebody else has made may set what it sets: a matrix file was looked at when it was read.
+    fn check_settings(&self) -> Result<(), ProviderError> {
+        match self.settings.refusals(self.provider).into_iter().next() {
+            None => Ok(()),
+            Some((_, refusal)) => Err(ProviderError::Unsupported {
+                provider: self.provider.to_owned(),
+                reason: refusal.reason,
+                hint: Some(refusal.instead),
+            }),
+        }
+    }
+
     /// Goes into a machine that runs.
     async fn enter(&self, machine: Machine, environment: &str) -> Result<Entered, ProviderError> {
         let inside = Inside::of(&self.host, machine.clone(), environment).await?;
@@ -95,7 +108,7 @@ impl Vagrant {
     async fn environment(
         &self,
         entered: Entered,
-        name: &str,
+        request: &EnvironmentRequest,
         clock: ClockReading,
         running: bool,
     ) -> Result<Box<dyn Environment>, ProviderError> {
@@ -112,7 +125,7 @@ impl Vagrant {
             "workload_sha256".to_owned(),
             json!(entered.keeper.deployed().await?.sha256),
         );
-        let workload = DetachedEnvironment::new(Arc::clone(&entered.keeper), name, facts, clock, running);
+        let workload = DetachedEnvironment::new(Arc::clone(&entered.keeper), request, facts, clock, running);
         Ok(Box::new(VagrantEnvironment {
             workload,
             machine: entered.machine,
@@ -141,6 +154,7 @@ impl Provider for Vagrant {
     }
 
     async fn create(&self, request: &EnvironmentRequest) -> Result<Box<dyn Environment>, ProviderError> {
+        self.check_settings()?;
         let machine = self.machine(&request.environment).await?;
         machine
             .prepare(&request.owner(self.provider), &self.settings)
@@ -150,7 +164,7 @@ impl Provider for Vagrant {
         let entered = self.enter(machine, &request.environment).await?;
         let (clock, _) = ClockReading::of(&entered.keeper).await?;
         entered.keeper.start(self.provider, request).await?;
-        self.environment(entered, &request.environment, clock, true).await
+        self.environment(entered, request, clock, true).await
     }
 
     async fn find(
@@ -175,7 +189,7 @@ impl Provider for Vagrant {
         match listed.iter().find(|it| it.environment == *name) {
             Some(found) if found.started => {
                 let (clock, _) = ClockReading::of(&entered.keeper).await?;
-                let environment = self.environment(entered, name, clock, found.running);
+                let environment = self.environment(entered, request, clock, found.running);
                 Ok(Some(environment.await?))
             }
             _ => Ok(None),

@@ -4,15 +4,13 @@
 //! A window is whole when its `window.json` says so and every file beside it has the length and the checksum that it
 //! names. Nothing is ever joined, mended or overwritten.
 
-use std::{
-    fs, io,
-    path::{Path, PathBuf},
-};
+use std::{io, path::PathBuf};
 
-use reports::run_directory::RunDirectory;
-use workload::record::window::{FileRecord, Verdict, WindowRecord};
+use reports::run_directory::{NotWhole, Place, RunDirectory, read_window, see_that_window_is_whole};
+use workload::record::window::{FileRecord, Verdict};
 
 use super::compression::compress_captures;
+use crate::room;
 
 /// A folder could not be read or moved.
 #[derive(Debug, thiserror::Error)]
@@ -21,6 +19,14 @@ pub struct CollectionError {
     doing: &'static str,
     path: PathBuf,
     source: io::Error,
+}
+
+impl CollectionError {
+    /// What to do about it.
+    #[must_use]
+    pub fn hint(&self) -> String {
+        room::hint(&self.source)
+    }
 }
 
 /// What became of one window.
@@ -32,6 +38,8 @@ pub enum Sorted {
         window: u32,
         /// What it is worth.
         verdict: Verdict,
+        /// SHA-256 of its `window.json`.
+        sha256: String,
     },
     /// It is kept aside.
     Broken {
@@ -52,42 +60,49 @@ pub fn sort_windows(
     slug: &str,
     environment: &str,
     windows: &[u32],
-    from: &Path,
+    from: &Place,
 ) -> Result<Vec<Sorted>, CollectionError> {
     let mut sorted = Vec::new();
     for &window in windows {
         let folder = from.join(format!("window-{window}"));
-        if !folder.is_dir() {
+        if !folder.is_folder() {
             continue;
         }
         let place = run.window(slug, window);
         // A crash between the move and its line in the journal: the window has its place, this is a second copy.
         if same_window(&folder, &place)
-            && let Ok(verdict) = verify(&place)
+            && let Ok(record) = see_that_window_is_whole(&place, None)
         {
-            sorted.push(Sorted::Whole { window, verdict });
+            keep(&place)?;
+            let (verdict, sha256) = (record.verdict, record_sha256(&place)?);
+            sorted.push(Sorted::Whole {
+                window,
+                verdict,
+                sha256,
+            });
             continue;
         }
-        let verified = verify(&folder).and_then(|verdict| match place.exists() {
-            true => Err("the run directory has another window of this number".to_owned()),
-            false => Ok(verdict),
-        });
+        let verified = match see_that_window_is_whole(&folder, None) {
+            Ok(_) if place.exists() => Err("the run directory has another window of this number".to_owned()),
+            Ok(record) => Ok(record.verdict),
+            Err(NotWhole::Broken(reason)) => Err(reason),
+            // Its original stays where it is.
+            Err(NotWhole::Unreadable(source)) => return Err(failed("cannot read", &folder)(source)),
+        };
         match verified {
             Ok(verdict) => {
-                compress_captures(&folder).map_err(|source| CollectionError {
-                    doing: "cannot compress the captures in",
-                    path: folder.clone(),
-                    source,
-                })?;
+                compress_captures(&folder).map_err(failed("cannot compress the captures in", &folder))?;
+                sync(&folder).map_err(failed("cannot wait until the disk has", &folder))?;
+                let sha256 = record_sha256(&folder)?;
                 move_folder(&folder, &place)?;
-                sorted.push(Sorted::Whole { window, verdict });
+                sorted.push(Sorted::Whole {
+                    window,
+                    verdict,
+                    sha256,
+                });
             }
             Err(reason) => {
-                let aside = run.broken(slug, environment).join(format!("window-{window}"));
-                // What an earlier try put aside is a copy of the same.
-                if !aside.exists() {
-                    move_folder(&folder, &aside)?;
-                }
+                put_aside(run, slug, environment, window, &folder)?;
                 sorted.push(Sorted::Broken { window, reason });
             }
         }
@@ -96,98 +111,98 @@ pub fn sort_windows(
 }
 
 /// Whether two folders hold one and the same window: its record has the checksums of all that is beside it.
-fn same_window(one: &Path, other: &Path) -> bool {
-    let record = |folder: &Path| {
-        let text = fs::read(folder.join("window.json")).ok()?;
-        let mut record: WindowRecord = serde_json::from_slice(&text).ok()?;
+fn same_window(one: &Place, other: &Place) -> bool {
+    let as_measured = |folder: &Place| {
+        let mut record = read_window(folder, None).ok()?;
         record.files = record.files.iter().map(FileRecord::as_measured).collect();
         Some(record)
     };
-    matches!((record(one), record(other)), (Some(one), Some(other)) if one == other)
+    matches!((as_measured(one), as_measured(other)), (Some(one), Some(other)) if one == other)
 }
 
-/// What a window's folder is worth, or why it is broken.
+/// By what a window's record is known again.
 ///
 /// # Errors
-/// The reason, for a person.
-pub fn verify(folder: &Path) -> Result<Verdict, String> {
-    let path = folder.join("window.json");
-    let text = fs::read_to_string(&path).map_err(|error| match error.kind() {
-        io::ErrorKind::NotFound => "it was cut: there is no window.json, which is written last".to_owned(),
-        _ => format!("window.json cannot be read: {error}"),
-    })?;
-    let record: WindowRecord = serde_json::from_str(&text)
-        .map_err(|error| format!("window.json is not a window's record: {error}"))?;
-    if !record.complete {
-        return Err(format!(
-            "it was cut after {} of {} steps",
-            record.steps_done, record.steps_expected
-        ));
-    }
-    for file in &record.files {
-        let name = Path::new(&file.name);
-        if name.components().count() != 1 || name.file_name().is_none() {
-            return Err(format!(
-                "window.json names a file outside its folder: {}",
-                file.name
-            ));
-        }
-        let (bytes, sha256) =
-            digest(&folder.join(name)).map_err(|error| format!("{} cannot be read: {error}", file.name))?;
-        if bytes != file.bytes {
-            return Err(format!(
-                "{} has {bytes} bytes instead of {}",
-                file.name, file.bytes
-            ));
-        }
-        if sha256 != file.sha256 {
-            return Err(format!(
-                "the checksum of {} does not match window.json",
-                file.name
-            ));
-        }
-    }
-    Ok(record.verdict)
+/// When it cannot be read.
+pub(super) fn record_sha256(window: &Place) -> Result<String, CollectionError> {
+    let record = window.join("window.json");
+    Ok(record.digest().map_err(failed("cannot read", &record))?.sha256)
 }
 
-/// Length and SHA-256 in hexadecimal.
-fn digest(path: &Path) -> io::Result<(u64, String)> {
-    use sha2::{Digest, Sha256};
-    let mut hasher = Sha256::new();
-    let bytes = io::copy(&mut fs::File::open(path)?, &mut hasher)?;
-    Ok((bytes, format!("{:x}", hasher.finalize())))
+/// Waits until all of a window is on the disk. Its original goes once the journal says that it was collected.
+fn sync(folder: &Place) -> io::Result<()> {
+    for (place, _) in folder.entries()? {
+        place.sync()?;
+    }
+    folder.sync()
+}
+
+/// Moves what is no window that counts to where nothing is counted.
+///
+/// # Errors
+/// When it cannot be moved.
+pub(super) fn put_aside(
+    run: &RunDirectory,
+    slug: &str,
+    environment: &str,
+    window: u32,
+    folder: &Place,
+) -> Result<(), CollectionError> {
+    let broken = run.broken(slug, environment);
+    let name = format!("window-{window}");
+    // What was put aside before stays: it may be another.
+    let names = std::iter::once(name.clone()).chain((2..).map(|number| format!("{name}-{number}")));
+    let aside = names.map(|name| broken.join(name)).find(|place| !place.exists());
+    aside.map_or(Ok(()), |aside| move_folder(folder, &aside))
 }
 
 /// Both folders are in the run directory, and so on one file system: a rename is atomic.
-fn move_folder(from: &Path, to: &Path) -> Result<(), CollectionError> {
-    let fail = |doing, path: &Path, source| CollectionError {
-        doing,
-        path: path.to_owned(),
-        source,
-    };
-    if let Some(parent) = to.parent() {
-        fs::create_dir_all(parent).map_err(|error| fail("cannot create", parent, error))?;
-    }
-    fs::rename(from, to).map_err(|error| fail("cannot move a window to", to, error))?;
-    if let Some(parent) = to.parent() {
-        fs::File::open(parent)
-            .and_then(|folder| folder.sync_all())
-            .map_err(|error| fail("cannot sync", parent, error))?;
+fn move_folder(from: &Place, to: &Place) -> Result<(), CollectionError> {
+    let parent = to.parent();
+    parent.make_folder().map_err(failed("cannot create", &parent))?;
+    from.rename(to).map_err(failed("cannot move a window to", to))?;
+    sync_above(to)
+}
+
+/// Waits until a window that is in its place is on the disk there.
+///
+/// # Errors
+/// When the disk fails.
+pub(super) fn keep(window: &Place) -> Result<(), CollectionError> {
+    sync(window).map_err(failed("cannot wait until the disk has", window))?;
+    sync_above(window)
+}
+
+/// The folders above a window may be new too.
+fn sync_above(window: &Place) -> Result<(), CollectionError> {
+    let scenario = window.parent();
+    for above in [scenario.clone(), scenario.parent(), scenario.parent().parent()] {
+        above.sync().map_err(failed("cannot sync", &above))?;
     }
     Ok(())
 }
 
+pub(super) fn failed(
+    doing: &'static str,
+    place: &Place,
+) -> impl FnOnce(io::Error) -> CollectionError + use<> {
+    let path = place.path();
+    move |source| CollectionError { doing, path, source }
+}
+
 #[cfg(test)]
 mod tests {
+    use std::fs;
+
     use super::*;
 
-    /// A folder with a window that cannot be read, and the run directory that it is to go to.
-    fn cut_window() -> (tempfile::TempDir, RunDirectory, PathBuf) {
+    /// A run directory, and in it a folder with a window that cannot be read.
+    fn cut_window() -> (tempfile::TempDir, RunDirectory, Place) {
         let folder = tempfile::tempdir().unwrap();
-        let run = RunDirectory::new(folder.path().join("run"));
-        let from = folder.path().join("from");
-        fs::create_dir_all(from.join("window-1")).unwrap();
-        fs::write(from.join("window-1/control.csv"), "step\n").unwrap();
+        let run = RunDirectory::new(folder.path());
+        let from = run.scenario("s").join("collecting-e-1");
+        from.join("window-1").make_folder().unwrap();
+        fs::write(from.join("window-1/control.csv").path(), "step\n").unwrap();
         (folder, run, from)
     }
 
@@ -203,7 +218,7 @@ mod tests {
     #[test]
     fn what_was_put_aside_already_is_not_moved_again() {
         let (_folder, run, from) = cut_window();
-        fs::create_dir_all(run.broken("s", "e-1").join("window-1")).unwrap();
+        run.broken("s", "e-1").join("window-1").make_folder().unwrap();
         assert_eq!(sort_windows(&run, "s", "e-1", &[1], &from).unwrap().len(), 1);
     }
 }

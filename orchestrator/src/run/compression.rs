@@ -2,16 +2,13 @@
 //! function is [`compress_captures`].
 
 use std::{
-    fs::{self, File},
+    fs::File,
     io::{self, Read, Write},
-    path::Path,
 };
 
+use reports::run_directory::{Place, read_window};
 use sha2::{Digest, Sha256};
-use workload::{
-    experiment::write_whole,
-    record::window::{FileRecord, MeasuredFile, WindowRecord},
-};
+use workload::record::window::{FileRecord, MeasuredFile};
 
 /// zstd's own default: captures of small messages shrink to a quarter, at hundreds of megabytes a second.
 const LEVEL: i32 = 3;
@@ -22,30 +19,35 @@ const PIECE_BYTES: usize = 256 << 10;
 ///
 /// # Errors
 /// What the file system says; the window is then as it was, or has a compressed file too many.
-pub fn compress_captures(folder: &Path) -> io::Result<()> {
+pub fn compress_captures(folder: &Place) -> io::Result<()> {
     let about = folder.join("window.json");
-    let mut record: WindowRecord = serde_json::from_slice(&fs::read(&about)?)?;
+    let mut record = read_window(folder, None).map_err(io::Error::other)?;
     let mut done = Vec::new();
     for file in &mut record.files {
         if file.name.ends_with(".pcap") {
-            let path = folder.join(&file.name);
+            let capture = folder.join(&file.name);
             *file = compress(folder, file)?;
-            done.push(path);
+            done.push(capture);
         }
     }
     if done.is_empty() {
         return Ok(());
     }
-    write_whole(&about, &record)?;
-    done.into_iter().try_for_each(fs::remove_file)
+    let mut text = serde_json::to_vec_pretty(&record)?;
+    text.push(b'\n');
+    about.write(&text)?;
+    done.iter().try_for_each(Place::remove_file)
 }
 
 /// Writes the compressed file and describes it.
-fn compress(folder: &Path, file: &FileRecord) -> io::Result<FileRecord> {
+fn compress(folder: &Place, file: &FileRecord) -> io::Result<FileRecord> {
     let name = format!("{}.zst", file.name);
-    let mut source = File::open(folder.join(&file.name))?;
+    let mut source = folder.join(&file.name).open()?;
+    let packed = folder.join(&name);
+    // What an earlier try left.
+    packed.remove_file()?;
     let counting = Counting {
-        inner: File::create(folder.join(&name))?,
+        inner: packed.create()?,
         hash: Sha256::new(),
         bytes: 0,
     };
@@ -94,13 +96,13 @@ impl Write for Counting {
 
 #[cfg(test)]
 mod tests {
-    use workload::settings::Settings;
+    use std::fs;
+
+    use reports::run_directory::see_that_window_is_whole;
+    use workload::{record::window::WindowRecord, settings::Settings};
 
     use super::*;
-    use crate::{
-        provider::fake::window::{FakeWindow, Noise, write},
-        run::collection::verify,
-    };
+    use crate::provider::fake::window::{FakeWindow, Noise, write};
 
     #[test]
     fn a_compressed_window_is_whole_and_its_captures_are_those_that_were_measured() {
@@ -128,8 +130,9 @@ mod tests {
             serde_json::from_slice(&fs::read(folder.path().join("window.json")).unwrap()).unwrap()
         };
         let (before, plain) = (read(), fs::read(folder.path().join("sta1.pcap")).unwrap());
-        compress_captures(folder.path()).unwrap();
-        verify(folder.path()).unwrap();
+        let place = Place::root(folder.path());
+        compress_captures(&place).unwrap();
+        see_that_window_is_whole(&place, None).unwrap();
         assert!(!folder.path().join("sta1.pcap").exists());
         let packed = fs::read(folder.path().join("sta1.pcap.zst")).unwrap();
         assert_eq!(zstd::decode_all(&*packed).unwrap(), plain);
@@ -138,7 +141,7 @@ mod tests {
         let measured: Vec<FileRecord> = after.files.iter().map(FileRecord::as_measured).collect();
         assert_eq!(before.files, measured);
         // Once more changes nothing.
-        compress_captures(folder.path()).unwrap();
-        verify(folder.path()).unwrap();
+        compress_captures(&place).unwrap();
+        see_that_window_is_whole(&place, None).unwrap();
     }
 }

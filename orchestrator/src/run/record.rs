@@ -1,11 +1,16 @@
 //! A run directory's own account of its run: written before anything is created, read by `resume` and `status`. The
 //! main type is [`RecordedRun`].
 
-use std::{collections::BTreeSet, fs, io::Write, path::Path, sync::Arc};
+use std::{
+    collections::BTreeSet,
+    fs,
+    path::{Path, PathBuf},
+    sync::Arc,
+};
 
 use reports::{
     ReadError,
-    run_directory::{Journal, Manifest, PlanRecord, RunDirectory},
+    run_directory::{Event, Manifest, Place, PlanRecord, RunDirectory, RunRecords},
 };
 use serde::{Deserialize as _, Serialize};
 
@@ -16,7 +21,7 @@ use crate::{
     matrix_file::Connection,
     provider::Roster,
     state_directory::StateDirectory,
-    terminal::Complaint,
+    terminal::{self, Complaint},
 };
 
 /// What was asked, what was planned, what happened.
@@ -53,13 +58,66 @@ impl RecordedRun {
     /// When it is missing, half-written or of a future format.
     pub fn read(directory: &RunDirectory) -> Result<Self, Complaint> {
         let wrong = |error: ReadError| Complaint::new(Exit::Wrong, &error, Some(error.hint()));
-        let (manifest, plan) = reports::run::read_plan(directory).map_err(wrong)?;
-        let journal = Journal::read(&directory.journal()).map_err(wrong)?;
-        let state = RunState::replay(&journal.entries);
+        let records = RunRecords::read(directory).map_err(wrong)?;
+        let state = RunState::replay(&records.journal.entries);
         Ok(Self {
-            manifest,
-            plan,
+            manifest: records.manifest,
+            plan: records.plan,
             state,
+        })
+    }
+
+    /// Where it stands, with the windows that the journal has and the directory has not left out: as `matrix resume` will find
+    /// it. What is in the windows is not read.
+    #[must_use]
+    pub fn state_in(&self, directory: &RunDirectory) -> RunState {
+        let mut state = self.state.clone();
+        for (slug, scenario) in &self.state.scenarios {
+            for (window, collected) in &scenario.collected {
+                if !directory.window(slug, *window).is_folder() {
+                    state.apply(&Event::WindowBroken {
+                        scenario: slug.clone(),
+                        environment: collected.environment.clone(),
+                        window: *window,
+                        reason: String::new(),
+                    });
+                }
+            }
+        }
+        state
+    }
+
+    /// Refuses to go on where its environments would not be found, and would measure on beside new ones.
+    ///
+    /// # Errors
+    /// When it was begun with another state folder, and one of its environments may be there.
+    pub fn is_here(&self, directory: &RunDirectory, state: &StateDirectory) -> Result<(), Complaint> {
+        let may_be_there = |theirs: &&PathBuf| theirs.as_path() != state.path() && theirs.exists();
+        let Some(theirs) = self.manifest.state_directory.as_ref().filter(may_be_there) else {
+            return Ok(());
+        };
+        if self
+            .state
+            .scenarios
+            .values()
+            .all(|scenario| scenario.open.is_none())
+        {
+            return Ok(());
+        }
+        Err(Complaint {
+            what: format!(
+                "run {} was begun with the state folder {}, and this is {}: its environments would not be found",
+                self.manifest.run,
+                theirs.display(),
+                state.path().display()
+            )
+            .into(),
+            hint: Some(format!(
+                "`MATRIX_STATE_DIR={} matrix resume {}` goes on with it",
+                terminal::pasted(theirs),
+                terminal::pasted(directory.path())
+            )),
+            exit: Exit::Wrong,
         })
     }
 
@@ -124,12 +182,12 @@ impl RecordedRun {
         fs::create_dir(path).map_err(|error| failed("create", path, &error))?;
         let directory = Self::directory(path)?;
         // The manifest comes last: a folder without one is half-written, and nothing was created for it.
-        fs::File::create_new(directory.journal()).map_err(|error| failed("write", path, &error))?;
+        directory
+            .journal()
+            .create()
+            .map_err(|error| failed("write", path, &error))?;
         write(&directory.plan(), plan).map_err(|error| failed("write", path, &error))?;
         write(&directory.manifest(), manifest).map_err(|error| failed("write", path, &error))?;
-        fs::File::open(path)
-            .and_then(|folder| folder.sync_all())
-            .map_err(|error| failed("sync", path, &error))?;
         Ok(directory)
     }
 }
@@ -142,9 +200,8 @@ fn of_another_version(error: &serde_json::Error) -> Complaint {
     )
 }
 
-fn write(path: &Path, record: &impl Serialize) -> std::io::Result<()> {
-    let mut file = fs::File::create_new(path)?;
-    serde_json::to_writer_pretty(&mut file, record)?;
-    file.write_all(b"\n")?;
-    file.sync_all()
+fn write(place: &Place, record: &impl Serialize) -> std::io::Result<()> {
+    let mut text = serde_json::to_vec_pretty(record)?;
+    text.push(b'\n');
+    place.write(&text)
 }

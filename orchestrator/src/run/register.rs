@@ -1,6 +1,8 @@
-//! Which runs of this user went to other machines, and to which: kept in the state folder from before anything is created
-//! there until `matrix clean` finds nothing there any more, so that it can be found without the run directory. The main
-//! type is [`Entry`].
+//! What the state folder knows of runs. The main types are [`Entry`] and [`AtWork`].
+//!
+//! Which runs of this user went to other machines, and to which: kept from before anything is created there until
+//! `matrix clean` finds nothing there any more, so that it can be found without the run directory. And which runs are
+//! worked on now, whatever becomes of their run directory's name meanwhile.
 
 use std::{
     collections::BTreeSet,
@@ -8,10 +10,13 @@ use std::{
     path::{Path, PathBuf},
 };
 
-use reports::run_directory::{HostRecord, Manifest, PlanRecord};
+use reports::run_directory::{HostRecord, Manifest, Place, PlanRecord};
 use serde::{Deserialize, Serialize};
 
-use crate::state_directory::StateDirectory;
+use crate::{
+    lease::{self, Holder, Lease, LeaseError},
+    state_directory::StateDirectory,
+};
 
 /// A run with hosts elsewhere.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
@@ -67,6 +72,46 @@ impl Entry {
     }
 }
 
+/// A run that is worked on, by its name, until this is dropped.
+#[derive(Debug)]
+pub struct AtWork {
+    place: Place,
+    _lease: Lease,
+}
+
+impl Drop for AtWork {
+    fn drop(&mut self) {
+        // While it is locked. One that stays is removed by the next who takes it.
+        let _ = self.place.remove_file();
+    }
+}
+
+/// Takes a run for this process; its holder in words if another has it.
+///
+/// # Errors
+/// When the state folder cannot be written.
+pub fn take(
+    state: &StateDirectory,
+    holder: &Holder,
+    run: &str,
+) -> Result<Result<AtWork, String>, LeaseError> {
+    let place = lock(state, run);
+    // Without it the lease says what is wrong.
+    let _ = fs::create_dir_all(state.runs());
+    let asked = lease::ask(&place, holder)?.granted();
+    Ok(asked.map(|lease| AtWork { place, _lease: lease }))
+}
+
+/// Whether a process works on a run now.
+#[must_use]
+pub fn is_taken(state: &StateDirectory, run: &str) -> bool {
+    lease::is_held(&lock(state, run))
+}
+
+fn lock(state: &StateDirectory, run: &str) -> Place {
+    Place::root(state.runs()).join(format!("{run}.lock"))
+}
+
 /// All that are written down. What cannot be read is none of ours.
 #[must_use]
 pub fn entries(state: &StateDirectory) -> Vec<Entry> {
@@ -118,5 +163,21 @@ mod tests {
         one.strike(&state).unwrap();
         one.strike(&state).unwrap();
         assert_eq!(entries(&state), [two]);
+    }
+
+    #[test]
+    fn a_run_is_taken_by_one_and_nothing_stays_when_it_is_given_back() {
+        let folder = tempfile::tempdir().unwrap();
+        let state = StateDirectory::new(folder.path());
+        let holder = Holder::this_process(Path::new("/runs/r"));
+        assert!(!is_taken(&state, "r"));
+        let taken = take(&state, &holder, "r").unwrap().unwrap();
+        assert!(is_taken(&state, "r") && !is_taken(&state, "other"));
+        let words = take(&state, &holder, "r").unwrap().unwrap_err();
+        assert!(words.contains("/runs/r"), "{words}");
+        drop(taken);
+        assert!(!is_taken(&state, "r"));
+        assert_eq!(fs::read_dir(state.runs()).unwrap().count(), 0);
+        drop(take(&state, &holder, "r").unwrap().unwrap());
     }
 }

@@ -5,22 +5,25 @@
 //! of the experiment as *failed*. Data is never discarded before it was collected: when collecting fails, the
 //! environment stays for `matrix resume`.
 
-use std::{
-    collections::BTreeSet,
-    fs, io,
-    path::{Path, PathBuf},
-    sync::Arc,
-};
+use std::{collections::BTreeSet, io, path::PathBuf, sync::Arc, time::Duration};
 
-use reports::run_directory::{EnvironmentRecord, Event, Outcome, PlannedScenario};
+use reports::run_directory::{EnvironmentRecord, Event, Outcome, Place, PlannedScenario, Resource};
 use serde::de::DeserializeOwned;
-use tokio::{sync::RwLockWriteGuard, task::spawn_blocking};
-use workload::{causes::with_causes, record::progress::Progress};
+use sha2::{Digest as _, Sha256};
+use tokio::{
+    sync::RwLockWriteGuard,
+    task::spawn_blocking,
+    time::{Instant, sleep_until, timeout},
+};
+use workload::{
+    causes::with_causes,
+    record::{progress::Progress, window::WindowRecord},
+};
 
 use super::{
     Run, RunError,
     collection::{self, CollectionError, Sorted},
-    room,
+    silence::{self, Silence, Step},
 };
 use crate::{
     host::lease::HostLease,
@@ -28,7 +31,9 @@ use crate::{
     matrix_file::{HARDWARE, OS},
     plan::placement::{Claim, Contradiction},
     provider::detached::Keeper,
+    provider::environment_directory::UNFINISHED,
     provider::{Ended, Environment, EnvironmentRequest, Provider, ProviderError, facts},
+    room, terminal,
 };
 
 /// Why the infrastructure could not do what a scenario needs.
@@ -66,11 +71,28 @@ pub(super) enum Trouble {
     /// It was out of reach when the run was planned, or has become another since.
     #[error("{}", .0.reason)]
     AnotherHost(Contradiction),
+    #[error("nothing was heard of the workload for {} s: it, its host or its engine stands still", lasted.as_secs())]
+    StandsStill { lasted: Duration },
+    #[error("the workload said {lines} different things, more than any does")]
+    SaysTooMuch { lines: usize },
     #[error("`{environment}` of {} still measures on this host", run_directory.display())]
     StillMeasuring {
         environment: String,
         run_directory: PathBuf,
     },
+}
+
+/// What the workload says of its network is no longer.
+const LONGEST_TEXT: u64 = 4 << 20;
+
+impl From<RunError> for Trouble {
+    fn from(error: RunError) -> Self {
+        match error {
+            RunError::Journal(error) => Self::Journal(error),
+            RunError::Collection(error) => Self::Collection(error),
+            RunError::RunDirectory(error) => Self::RunDirectory(error),
+        }
+    }
 }
 
 /// How one environment ended.
@@ -93,13 +115,19 @@ impl Ending {
         let hint = match trouble {
             Trouble::Provider(error) => error.hint(),
             Trouble::Journal(error) => Some(error.hint()),
-            Trouble::Collection(_) | Trouble::RunDirectory(_) | Trouble::NoRoom { .. } => {
-                Some("make room on the disk and `matrix resume`".to_owned())
-            }
+            Trouble::Collection(error) => Some(error.hint()),
+            Trouble::RunDirectory(error) => Some(room::hint(error)),
+            Trouble::NoRoom { .. } => Some("make room on the disk and `matrix resume`".to_owned()),
             Trouble::AnotherHost(contradiction) => Some(contradiction.fix.clone()),
+            Trouble::StandsStill { .. } => {
+                Some("`matrix resume` goes on with it when it gets on, `matrix clean` removes it".to_owned())
+            }
+            Trouble::SaysTooMuch { .. } => {
+                Some("see on its host what runs there; `matrix clean` removes it".to_owned())
+            }
             Trouble::StillMeasuring { run_directory, .. } => Some(format!(
                 "`matrix resume {}` goes on with it, `matrix clean` removes it",
-                run_directory.display()
+                terminal::pasted(run_directory)
             )),
             Trouble::NotRemoved { first, .. } => {
                 let clean = "`matrix clean` removes what is left".to_owned();
@@ -113,9 +141,14 @@ impl Ending {
     }
 }
 
+/// A workload says some ten things about its network and nodes, and two of each window.
+fn most_lines(request: &EnvironmentRequest) -> usize {
+    100 + 4 * request.windows.len()
+}
+
 /// What a file of JSON says, if it is there and says it: facts that are missing must not cost any windows.
-fn read_json<T: DeserializeOwned>(path: &Path) -> Option<T> {
-    serde_json::from_slice(&fs::read(path).ok()?).ok()
+fn read_json<T: DeserializeOwned>(place: &Place) -> Option<T> {
+    serde_json::from_slice(&place.read(WindowRecord::MOST_BYTES).ok()?).ok()
 }
 
 impl Run<'_> {
@@ -136,6 +169,10 @@ impl Run<'_> {
         let ending = match self.leased_attempts(planned, lease).await {
             Ok(ending) => ending,
             Err(Trouble::Journal(error)) => return Err(error.into()),
+            Err(trouble @ Trouble::StandsStill { .. }) if self.stop.is_requested() => Ending {
+                outcome: Outcome::Interrupted,
+                ..Ending::errored(&trouble)
+            },
             Err(trouble) => Ending::errored(&trouble),
         };
         Ok(self.events.emit(Event::ScenarioFinished {
@@ -167,15 +204,22 @@ impl Run<'_> {
     async fn attempts(&self, planned: &PlannedScenario) -> Result<Ending, Trouble> {
         self.refuse_beside_another(planned).await?;
         let provider = self.fleet.provider(planned)?;
+        let mut taken_up = false;
         if let Some(open) = self.events.scenario(&planned.slug).open {
             let request = self.request(planned, open.environment, open.windows);
             if open.discarding {
                 self.remove_remains(provider.as_ref(), &request).await?;
-            } else if let Some(ending) = self.take_up(provider.as_ref(), &request).await?
-                && (ending.outcome == Outcome::Failed || self.stop.is_requested())
-            {
-                return Ok(ending);
+            } else if let Some(ending) = self.take_up(provider.as_ref(), &request).await? {
+                if ending.outcome == Outcome::Failed || self.stop.is_requested() {
+                    return Ok(ending);
+                }
+                taken_up = true;
             }
+        }
+        // Of one that was taken up all that is there was read when it was collected.
+        if !taken_up {
+            let _nothing_is_measured_here = self.this_machine.read().await;
+            self.inspect(&planned.slug, planned.settings.windows).await?;
         }
         let windows = self.wanted(planned);
         if windows.is_empty() {
@@ -185,7 +229,7 @@ impl Run<'_> {
             return Ok(Ending::of(Outcome::Interrupted, None, None));
         }
         self.check_host(planned, windows.len()).await?;
-        let attempt = self.events.scenario(&planned.slug).attempts + 1;
+        let attempt = self.events.scenario(&planned.slug).attempts.saturating_add(1);
         let name = format!("matrix-{}-{}-{attempt}", self.name, planned.slug);
         let request = self.request(planned, name, windows);
         self.events.emit(Event::EnvironmentCreating {
@@ -400,15 +444,39 @@ impl Run<'_> {
         let mut asked_to_stop = false;
         let mut reconnected = false;
         let mut told = Vec::new();
+        let mut silence = Silence::since(Instant::now());
+        let scenario = || request.scenario.clone();
         loop {
             let progress = tokio::select! {
                 progress = environment.next_progress() => progress,
                 () = self.stop.requested(), if !asked_to_stop => {
                     asked_to_stop = true;
-                    environment.stop().await?;
+                    silence.stop_was_asked(Instant::now());
+                    match timeout(silence::STOPS_WITHIN, environment.stop()).await {
+                        Ok(stopped) => stopped?,
+                        Err(_) => return Err(Trouble::StandsStill { lasted: silence.lasted(Instant::now()) }),
+                    }
+                    continue;
+                }
+                () = sleep_until(silence.due()) => {
+                    match silence.go_on(Instant::now()) {
+                        Step::Tell(lasted) => self.events.emit(Event::WorkloadSilent {
+                            scenario: scenario(),
+                            for_s: lasted.as_secs(),
+                        })?,
+                        Step::GiveUp(lasted) => return Err(Trouble::StandsStill { lasted }),
+                    }
                     continue;
                 }
             };
+            if let Ok(Some(_)) = progress
+                && let Some(lasted) = silence.end(Instant::now())
+            {
+                self.events.emit(Event::WorkloadHeard {
+                    scenario: scenario(),
+                    after_s: lasted.as_secs(),
+                })?;
+            }
             match progress {
                 // One that was found again says everything again.
                 Ok(Some(progress)) if told.contains(&progress) => {}
@@ -416,8 +484,12 @@ impl Run<'_> {
                     if !matches!(progress, Progress::Health { .. } | Progress::Notice { .. }) {
                         told.push(progress.clone());
                     }
+                    // Another machine says it, and the journal keeps it.
+                    if told.len() > most_lines(request) {
+                        return Err(Trouble::SaysTooMuch { lines: told.len() });
+                    }
                     self.events.emit(Event::Workload {
-                        scenario: request.scenario.clone(),
+                        scenario: scenario(),
                         progress: progress.clone(),
                     })?;
                     if matches!(
@@ -454,19 +526,18 @@ impl Run<'_> {
             .scenario(&request.scenario)
             .join(format!("collecting-{}", request.environment));
         // What an interrupted collection left is only a copy: the originals are still in the environment.
-        match fs::remove_dir_all(&folder) {
-            Err(error) if error.kind() != io::ErrorKind::NotFound => return Err(error.into()),
-            _ => {}
-        }
-        fs::create_dir_all(&folder)?;
-        environment.collect(&folder).await?;
+        folder.remove_folder()?;
+        folder.make_folder()?;
+        environment.collect(&folder.path()).await?;
         self.keep_platform(provider, environment, request, &folder)?;
+        // What was collected before is looked at once more: the originals are here, and go afterwards.
+        self.inspect(&request.scenario, request.settings.windows).await?;
         let state = self.events.scenario(&request.scenario);
         let windows: Vec<u32> = request
             .windows
             .iter()
             .copied()
-            .filter(|window| !state.collected.contains(window))
+            .filter(|window| !state.collected.contains_key(window))
             .collect();
         let (scenario, environment) = (&request.scenario, &request.environment);
         let sorting = {
@@ -479,11 +550,16 @@ impl Run<'_> {
         for sorted in sorted {
             let (scenario, environment) = (scenario.clone(), environment.clone());
             self.events.emit(match sorted {
-                Sorted::Whole { window, verdict } => Event::WindowCollected {
+                Sorted::Whole {
+                    window,
+                    verdict,
+                    sha256,
+                } => Event::WindowCollected {
                     scenario,
                     environment,
                     window,
                     verdict,
+                    sha256: Some(sha256),
                 },
                 Sorted::Broken { window, reason } => Event::WindowBroken {
                     scenario,
@@ -493,8 +569,7 @@ impl Run<'_> {
                 },
             })?;
         }
-        fs::remove_dir_all(&folder)?;
-        Ok(())
+        Ok(folder.remove_folder()?)
     }
 
     /// Writes the scenario's `environment.json`: what the provider knows and what the workload saw from inside, and
@@ -505,7 +580,7 @@ impl Run<'_> {
         provider: &dyn Provider,
         environment: &dyn Environment,
         request: &EnvironmentRequest,
-        folder: &Path,
+        folder: &Place,
     ) -> Result<(), Trouble> {
         let record = EnvironmentRecord {
             environment: request.environment.clone(),
@@ -514,25 +589,30 @@ impl Run<'_> {
             facts: facts::of(environment),
             platform: read_json(&folder.join("environment.json")),
         };
-        let path = self.directory.environment(&request.scenario);
+        let place = self.directory.environment(&request.scenario);
         if let Some(EnvironmentRecord {
             environment: earlier, ..
-        }) = read_json(&path)
+        }) = read_json(&place)
             && earlier != request.environment
         {
-            fs::rename(&path, path.with_file_name(format!("environment-{earlier}.json")))?;
-            let network = path.with_file_name("network.txt");
+            place.rename(&place.beside(format!("environment-{earlier}.json")))?;
+            let network = place.beside("network.txt");
             if network.exists() {
-                fs::rename(&network, path.with_file_name(format!("network-{earlier}.txt")))?;
+                network.rename(&place.beside(format!("network-{earlier}.txt")))?;
             }
         }
         let network = folder.join("network.txt");
         if network.exists() {
-            fs::copy(&network, path.with_file_name("network.txt"))?;
+            place.beside("network.txt").write(&network.read(LONGEST_TEXT)?)?;
         }
         let mut text = serde_json::to_vec_pretty(&record).map_err(io::Error::from)?;
         text.push(b'\n');
-        Ok(fs::write(&path, text)?)
+        self.events.emit(Event::EnvironmentRecorded {
+            scenario: request.scenario.clone(),
+            environment: request.environment.clone(),
+            sha256: format!("{:x}", Sha256::digest(&text)),
+        })?;
+        Ok(place.write(&text)?)
     }
 
     async fn discard(
@@ -560,8 +640,9 @@ impl Run<'_> {
     ) -> Result<(), Trouble> {
         let ours = provider.resources(request);
         for leftover in provider.leftovers().await? {
-            let of_this_run = leftover.run.as_deref() == Some(request.run.as_str());
-            if of_this_run && ours.contains(&leftover.resource) {
+            // A removal that was cut short may have left a folder of that name without its owner.
+            let of_this_run = leftover.run.as_ref().is_none_or(|run| *run == request.run);
+            if of_this_run && ours.iter().any(|ours| is_of(&leftover.resource, ours)) {
                 provider.remove(&leftover).await?;
             }
         }
@@ -570,6 +651,13 @@ impl Run<'_> {
             environment: request.environment.clone(),
         })?)
     }
+}
+
+/// Whether something is a resource, or what a crash has left of one that was being made.
+fn is_of(found: &Resource, resource: &Resource) -> bool {
+    let rest = found.name.strip_prefix(&resource.name);
+    (&found.host, &found.kind) == (&resource.host, &resource.kind)
+        && rest.is_some_and(|rest| rest.is_empty() || rest.starts_with('.') && rest.ends_with(UNFINISHED))
 }
 
 #[cfg(test)]

@@ -12,17 +12,17 @@ use tokio::{
 use super::{
     Run,
     keep::Keep,
-    register::Entry,
+    register::{self, AtWork, Entry},
     state::RunState,
     stop::{self, StopSwitch},
 };
 use crate::{
     exit::Exit,
     journal::Journal,
-    lease::{self, Asked, Holder, Lease},
+    lease::{self, Holder, Lease, LeaseError},
     observer::{Events, Observer, plain_log::PlainLog, progress_bars::ProgressBars},
     provider::Roster,
-    state_directory::StateDirectory,
+    state_directory::{self, StateDirectory},
     terminal::{self, Complaint},
 };
 
@@ -46,26 +46,38 @@ pub struct Wishes {
     pub keep: Keep,
 }
 
-/// Locks a run directory for this process.
+/// A run that this process works on: by its directory, and by its name, should the directory be moved meanwhile.
+#[derive(Debug)]
+pub struct Locked {
+    _directory: Lease,
+    _name: AtWork,
+}
+
+/// Locks a run for this process.
 ///
 /// # Errors
 /// When another process works on it, or it cannot be locked.
-pub fn lock(directory: &RunDirectory) -> Result<Lease, Complaint> {
+pub fn lock(directory: &RunDirectory, run: &str) -> Result<Locked, Complaint> {
     let holder = Holder::this_process(directory.path());
-    match lease::ask(&directory.lock(), &holder) {
-        Ok(Asked::Granted(lease)) => Ok(lease),
-        Ok(Asked::Held { holder }) => Err(Complaint {
-            what: format!(
-                "{} is being worked on by {}",
-                directory.path().display(),
-                holder.map_or_else(|| "another process".to_owned(), |holder| holder.to_string())
-            )
-            .into(),
-            hint: Some("wait for it, or end it with Ctrl-C and `matrix resume`".to_owned()),
-            exit: Exit::Infrastructure,
-        }),
-        Err(error) => Err(Complaint::new(Exit::Infrastructure, &error, None)),
-    }
+    let wrong = |error: LeaseError, hint: Option<&str>| {
+        Complaint::new(Exit::Infrastructure, &error, hint.map(str::to_owned))
+    };
+    let held = |holder: String| Complaint {
+        what: format!("{} is being worked on by {holder}", directory.path().display()).into(),
+        hint: Some("wait for it, or end it with Ctrl-C and `matrix resume`".to_owned()),
+        exit: Exit::Infrastructure,
+    };
+    let by_directory = lease::ask(&directory.lock(), &holder)
+        .map_err(|error| wrong(error, None))?
+        .granted()
+        .map_err(held)?;
+    let by_name = register::take(&StateDirectory::of_this_user(), &holder, run)
+        .map_err(|error| wrong(error, Some(state_directory::CHOOSE)))?
+        .map_err(held)?;
+    Ok(Locked {
+        _directory: by_directory,
+        _name: by_name,
+    })
 }
 
 /// Carries out what is left to do of a plan, from `state` on; how it ended, as an exit code.
@@ -141,7 +153,7 @@ async fn listen(switch: StopSwitch, directory: std::path::PathBuf) {
 pub fn how_to_go_on(directory: &Path) -> String {
     format!(
         "`matrix resume {}` goes on, `matrix clean` removes what is left behind",
-        directory.display()
+        terminal::pasted(directory)
     )
 }
 
@@ -154,7 +166,7 @@ fn exit(state: &RunState, plan: &PlanRecord) -> Exit {
         .map(|planned| state.scenario(&planned.slug).outcome)
         .collect();
     let any = |outcome| outcomes.contains(&outcome);
-    if any(None) || any(Some(Outcome::Interrupted)) {
+    if state.is_interrupted(plan) {
         Exit::Interrupted
     } else if any(Some(Outcome::Errored)) || outcomes.is_empty() {
         Exit::Infrastructure

@@ -2,7 +2,7 @@
 
 use std::collections::{BTreeMap, BTreeSet};
 
-use reports::run_directory::{Event, JournalEntry, Outcome};
+use reports::run_directory::{Event, JournalEntry, Outcome, PlanRecord};
 use workload::record::progress::Progress;
 
 /// Where a run stands.
@@ -22,15 +22,26 @@ pub struct ScenarioState {
     /// Why.
     pub reason: Option<String>,
     /// Windows that are whole in the run directory.
-    pub collected: BTreeSet<u32>,
+    pub collected: BTreeMap<u32, Collected>,
     /// Windows that the workload has completed, collected or not.
     pub completed: BTreeSet<u32>,
     /// The environment that was created, or was about to be, and is not known to be gone.
     pub open: Option<OpenEnvironment>,
+    /// For how long nothing was heard of its workload when that was told last, in seconds.
+    pub silent_for_s: Option<u64>,
     /// The environments that were kept, as it was wished, and are not known to be gone.
     pub kept: BTreeSet<String>,
     /// How many environments were begun.
     pub attempts: u32,
+}
+
+/// A window that is whole in the run directory.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct Collected {
+    /// The environment that measured it.
+    pub environment: String,
+    /// SHA-256 of its `window.json`, if it is known.
+    pub sha256: Option<String>,
 }
 
 /// An environment that may exist.
@@ -55,6 +66,14 @@ impl RunState {
         state
     }
 
+    /// Whether a scenario of the plan has no outcome, or was asked to stop.
+    #[must_use]
+    pub fn is_interrupted(&self, plan: &PlanRecord) -> bool {
+        let running = plan.scenarios.iter().filter(|planned| planned.runs());
+        let mut outcomes = running.map(|planned| self.scenario(&planned.slug).outcome);
+        outcomes.any(|outcome| matches!(outcome, None | Some(Outcome::Interrupted)))
+    }
+
     /// What the journal says of a scenario.
     #[must_use]
     pub fn scenario(&self, slug: &str) -> ScenarioState {
@@ -67,7 +86,17 @@ impl RunState {
             Event::RunStarted { .. } => self.finished = false,
             Event::RunFinished => self.finished = true,
             Event::RunInterrupted | Event::HostBusy { .. } | Event::EnvironmentCreated { .. } => {}
-            Event::EnvironmentFound { .. } | Event::WindowBroken { .. } => {}
+            Event::EnvironmentFound { .. } | Event::EnvironmentRecorded { .. } => {}
+            Event::WorkloadSilent { scenario, for_s } => self.entry(scenario).silent_for_s = Some(*for_s),
+            Event::WorkloadHeard { scenario, .. } => self.entry(scenario).silent_for_s = None,
+            Event::WindowBroken { scenario, window, .. } => {
+                let state = self.entry(scenario);
+                state.completed.remove(window);
+                // It had its place, and is to be measured again.
+                if state.collected.remove(window).is_some() && state.outcome == Some(Outcome::Completed) {
+                    state.outcome = None;
+                }
+            }
             Event::EnvironmentDiscarding {
                 scenario,
                 environment,
@@ -80,6 +109,7 @@ impl RunState {
                 let state = self.entry(scenario);
                 state.outcome = None;
                 state.reason = None;
+                state.silent_for_s = None;
             }
             Event::EnvironmentCreating {
                 scenario,
@@ -88,7 +118,7 @@ impl RunState {
                 ..
             } => {
                 let state = self.entry(scenario);
-                state.attempts += 1;
+                state.attempts = state.attempts.saturating_add(1);
                 state.open = Some(OpenEnvironment {
                     environment: environment.clone(),
                     windows: windows.clone(),
@@ -100,8 +130,21 @@ impl RunState {
                     self.entry(scenario).completed.insert(*window);
                 }
             }
-            Event::WindowCollected { scenario, window, .. } => {
-                self.entry(scenario).collected.insert(*window);
+            Event::WindowCollected {
+                scenario,
+                environment,
+                window,
+                sha256,
+                ..
+            } => {
+                let state = self.entry(scenario);
+                // Where the journal does not have its creation: a name is never given twice.
+                state.attempts = state.attempts.max(attempt(environment));
+                let collected = Collected {
+                    environment: environment.clone(),
+                    sha256: sha256.clone(),
+                };
+                state.collected.insert(*window, collected);
             }
             Event::EnvironmentDiscarded {
                 scenario,
@@ -150,17 +193,34 @@ impl ScenarioState {
         matches!(self.outcome, Some(Outcome::Completed | Outcome::Failed)) && self.open.is_none()
     }
 
+    /// The windows that the workload has completed, collected or not.
+    #[must_use]
+    pub fn complete(&self) -> BTreeSet<u32> {
+        self.completed
+            .iter()
+            .chain(self.collected.keys())
+            .copied()
+            .collect()
+    }
+
     /// The windows of `1..=windows` that are not in the run directory.
     #[must_use]
     pub fn wanted(&self, windows: u32) -> Vec<u32> {
         (1..=windows)
-            .filter(|window| !self.collected.contains(window))
+            .filter(|window| !self.collected.contains_key(window))
             .collect()
     }
 }
 
+/// The number at the end of an environment's name.
+fn attempt(environment: &str) -> u32 {
+    let number = environment.rsplit('-').next();
+    number.and_then(|number| number.parse().ok()).unwrap_or(0)
+}
+
 #[cfg(test)]
 mod tests {
+    use reports::run_directory::PlannedScenario;
     use workload::record::window::Verdict;
 
     use super::*;
@@ -211,6 +271,7 @@ mod tests {
                 environment: "e-1".into(),
                 window: 1,
                 verdict: Verdict::Valid,
+                sha256: None,
             },
             Event::EnvironmentDiscarded {
                 scenario: "s".into(),
@@ -221,6 +282,43 @@ mod tests {
         assert_eq!(scenario.wanted(3), vec![2, 3]);
         assert_eq!(scenario.open, None);
         assert_eq!(scenario.attempts, 1);
+    }
+
+    #[test]
+    fn a_run_is_interrupted_while_a_scenario_of_it_has_not_ended() {
+        let scenario = |slug: &str| PlannedScenario {
+            id: slug.to_owned(),
+            slug: slug.to_owned(),
+            axes: serde_json::Map::new(),
+            host: None,
+            feasible: slug != "infeasible",
+            reason: None,
+            fix: None,
+            not_selected: None,
+            settings: workload::settings::Settings::default(),
+        };
+        let plan = PlanRecord {
+            format: 1,
+            scenarios: vec![scenario("s"), scenario("t"), scenario("infeasible")],
+            order: Vec::new(),
+            measuring_s: 1.0,
+        };
+        let finished = |slug: &str, outcome| Event::ScenarioFinished {
+            scenario: slug.to_owned(),
+            outcome,
+            reason: None,
+            hint: None,
+        };
+        let is_interrupted = |events| RunState::replay(&journal(events)).is_interrupted(&plan);
+        assert!(is_interrupted(vec![finished("s", Outcome::Completed)]));
+        for (outcome, interrupted) in [
+            (Outcome::Interrupted, true),
+            (Outcome::Completed, false),
+            (Outcome::Errored, false),
+        ] {
+            let events = vec![finished("s", Outcome::Completed), finished("t", outcome)];
+            assert_eq!(is_interrupted(events), interrupted, "{outcome:?}");
+        }
     }
 
     #[test]

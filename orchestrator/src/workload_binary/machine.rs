@@ -2,7 +2,8 @@
 //! main type is [`Machine`].
 //!
 //! `workload/builder/build` makes them. They are looked for in the folder that `MATRIX_WORKLOADS` names, then in
-//! `workloads` beside the program, and in both as `<machine>/workload`.
+//! `workloads` beside the program, and in both as `<machine>/workload`. Their checksums are beside them, in `SHA256SUMS`: what was
+//! cut short, mixed up or replaced alone is found out. Who can write both can write what he likes.
 
 use std::{
     borrow::Cow,
@@ -11,7 +12,7 @@ use std::{
     str::FromStr,
 };
 
-use super::{MACHINE, bytes};
+use super::{MACHINE, bytes, hash_of};
 
 /// A kind of machine that runs Linux programs of its own.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -68,7 +69,10 @@ impl Machine {
         for folder in folders {
             let path = folder.join(self.name()).join("workload");
             match fs::read(&path) {
-                Ok(program) if self.runs(&program) => return Ok(program),
+                Ok(program) if self.runs(&program) => {
+                    self.verify(folder, &path, &program)?;
+                    return Ok(program);
+                }
                 Ok(_) => {
                     return Err(NoWorkload::AnotherMachines { machine: self, path });
                 }
@@ -87,7 +91,33 @@ impl Machine {
             folders: folders.to_vec(),
         })
     }
+
+    /// Whether it is what the builder made, by its checksum (`sha256sum`'s format).
+    fn verify(self, folder: &Path, path: &Path, program: &[u8]) -> Result<(), NoWorkload> {
+        let sums = folder.join(SUMS);
+        let text = fs::read_to_string(&sums).map_err(|source| NoWorkload::Unreadable {
+            machine: self,
+            path: sums.clone(),
+            source,
+        })?;
+        let name = format!("{self}/workload");
+        let listed = text.lines().find_map(|line| {
+            let (sum, file) = line.split_once(' ')?;
+            (file.trim_start_matches([' ', '*']) == name).then_some(sum)
+        });
+        if listed.is_some_and(|sum| sum.eq_ignore_ascii_case(&hash_of(program))) {
+            return Ok(());
+        }
+        Err(NoWorkload::Altered {
+            machine: self,
+            path: path.to_owned(),
+            sums,
+        })
+    }
 }
+
+/// What the builder writes beside them.
+const SUMS: &str = "SHA256SUMS";
 
 /// Where they are looked for, best first.
 fn folders() -> Vec<PathBuf> {
@@ -144,7 +174,17 @@ pub enum NoWorkload {
         /// What was found.
         path: PathBuf,
     },
-    /// It is there and cannot be read.
+    /// It is not the program that was built.
+    #[error("{} is not the workload for {machine} that {} lists", .path.display(), .sums.display())]
+    Altered {
+        /// Whose it should be.
+        machine: Machine,
+        /// What was found.
+        path: PathBuf,
+        /// The list of checksums.
+        sums: PathBuf,
+    },
+    /// It is there and cannot be read, or its checksum cannot.
     #[error("cannot read the workload for {machine}, {}", .path.display())]
     Unreadable {
         /// Whose it is.
@@ -162,9 +202,10 @@ impl NoWorkload {
     pub fn hint(&self) -> String {
         let (Self::NotBuilt { machine, .. }
         | Self::AnotherMachines { machine, .. }
+        | Self::Altered { machine, .. }
         | Self::Unreadable { machine, .. }) = self;
         format!(
-            "in a checkout of matrix, `workload/builder/build {machine}` makes it; then set \
+            "in a checkout of matrix, `workload/builder/build {machine}` makes it with its checksum; then set \
              MATRIX_WORKLOADS=target/workloads, or move that folder beside the program `matrix`"
         )
     }
@@ -190,10 +231,40 @@ mod tests {
         header
     }
 
+    /// As the builder leaves it.
     fn put(folder: &Path, machine: Machine, program: &[u8]) {
-        let folder = folder.join(machine.name());
-        fs::create_dir_all(&folder).unwrap();
-        fs::write(folder.join("workload"), program).unwrap();
+        fs::create_dir_all(folder.join(machine.name())).unwrap();
+        fs::write(folder.join(machine.name()).join("workload"), program).unwrap();
+        let others = "0".repeat(64);
+        let sum = hash_of(program);
+        fs::write(
+            folder.join(SUMS),
+            format!("{others}  other/workload\n{sum}  {machine}/workload\n"),
+        )
+        .unwrap();
+    }
+
+    #[test]
+    fn a_workload_that_is_not_the_one_that_was_built_is_refused() {
+        let folder = tempfile::tempdir().unwrap();
+        let folders = [folder.path().to_owned()];
+        let built = program(2, 183);
+        put(folder.path(), Machine::Aarch64, &built);
+        let replaced = [built.as_slice(), b"another"].concat();
+        fs::write(folder.path().join("aarch64/workload"), replaced).unwrap();
+        let error = Machine::Aarch64.workload_in(&folders).unwrap_err();
+        assert!(matches!(error, NoWorkload::Altered { .. }), "{error}");
+
+        // Listed is another machine's alone.
+        put(folder.path(), Machine::I686, &program(1, 3));
+        fs::write(folder.path().join("aarch64/workload"), &built).unwrap();
+        let error = Machine::Aarch64.workload_in(&folders).unwrap_err();
+        assert!(matches!(error, NoWorkload::Altered { .. }), "{error}");
+
+        fs::remove_file(folder.path().join(SUMS)).unwrap();
+        let error = Machine::I686.workload_in(&folders).unwrap_err();
+        assert!(matches!(error, NoWorkload::Unreadable { .. }), "{error}");
+        assert!(error.to_string().contains(SUMS), "{error}");
     }
 
     #[rstest::rstest]

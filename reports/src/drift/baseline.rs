@@ -64,6 +64,21 @@ pub fn judge(nights: &[Night], settings: &Settings) -> Drift {
     }
 }
 
+/// Levels that cannot be told apart, as far apart as they may truly be: they would have no spread, and anything else would be drift.
+fn apart(levels: Vec<f64>, resolution: f64) -> Vec<f64> {
+    let range = levels.iter().copied().fold(f64::NEG_INFINITY, f64::max)
+        - levels.iter().copied().fold(f64::INFINITY, f64::min);
+    if range > resolution {
+        return levels;
+    }
+    let aside = [resolution / 2.0, -resolution / 2.0].into_iter().cycle();
+    levels
+        .iter()
+        .zip(aside)
+        .map(|(level, aside)| level + aside)
+        .collect()
+}
+
 fn compare(series: &Series<'_>, level: f64, seed: u64) -> Result<Comparison, Verdict> {
     if let Some(lacking) = lacking(series) {
         return Err(lacking);
@@ -76,7 +91,10 @@ fn compare(series: &Series<'_>, level: f64, seed: u64) -> Result<Comparison, Ver
     else {
         return Err(too_little("no run of the baseline has a number".to_owned()));
     };
-    let levels: Vec<f64> = before.iter().map(|point| point.level).collect();
+    let levels = apart(
+        before.iter().map(|point| point.level).collect(),
+        series.metric.resolution(),
+    );
     if before.len() >= FEWEST_NIGHTS {
         let Some(prediction) = Prediction::of(&levels) else {
             return Err(too_little(

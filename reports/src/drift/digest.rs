@@ -4,15 +4,15 @@
 //! ```text
 //! report/night.json    made_from    SHA-256 of the name, length and time of change of every file of the run
 //!                      night        what they came to
+//!                      sha256       of that, as JSON without white space
 //! ```
 //!
 //! What is kept is believed while no file of the run is another than it was; else the run is read again. It can be removed
 //! at any time, and one that cannot be written is no error: it only saves time.
 
 use std::{
-    fs,
-    io::{self, BufWriter},
-    path::{Path, PathBuf},
+    io::{self, Write as _},
+    path::Path,
     time::UNIX_EPOCH,
 };
 
@@ -21,12 +21,15 @@ use sha2::{Digest, Sha256};
 
 use super::Night;
 use crate::{
-    run_directory::{ReadError, RunDirectory},
+    run_directory::{Kind, Place, ReadError, RunDirectory},
     traffic,
 };
 
 /// Raised whenever a night's numbers are taken in another way: what was kept is then read anew.
-const FORMAT: u32 = 2;
+const FORMAT: u32 = 3;
+
+/// A night of a thousand scenarios, with all that is compared of it, is a tenth of it.
+const LONGEST: u64 = 64 << 20;
 
 /// What is kept.
 #[derive(Serialize, Deserialize)]
@@ -34,6 +37,7 @@ struct Kept<N> {
     format: u32,
     made_from: String,
     night: N,
+    sha256: String,
 }
 
 /// The night of a run directory, from what was kept of it or from all of it.
@@ -59,6 +63,7 @@ pub fn night_of(path: &Path) -> Result<Night, ReadError> {
             &Kept {
                 format: FORMAT,
                 made_from,
+                sha256: sha256_of(&night),
                 night: &night,
             },
         );
@@ -66,44 +71,54 @@ pub fn night_of(path: &Path) -> Result<Night, ReadError> {
     Ok(night)
 }
 
-fn file_of(directory: &RunDirectory) -> PathBuf {
+fn file_of(directory: &RunDirectory) -> Place {
     directory.report().join("night.json")
 }
 
-fn read(path: &Path, made_from: &str) -> Option<Night> {
-    let kept: Kept<Night> = serde_json::from_slice(&fs::read(path).ok()?).ok()?;
-    (kept.format == FORMAT && kept.made_from == made_from).then_some(kept.night)
+fn read(place: &Place, made_from: &str) -> Option<Night> {
+    let kept: Kept<Night> = serde_json::from_slice(&place.read(LONGEST).ok()?).ok()?;
+    let is_of_now = kept.format == FORMAT && kept.made_from == made_from;
+    (is_of_now && kept.sha256 == sha256_of(&kept.night)).then_some(kept.night)
+}
+
+fn sha256_of(night: &Night) -> String {
+    // Plain data can always be written as JSON.
+    let text = serde_json::to_vec(night).unwrap_or_default();
+    format!("{:x}", Sha256::digest(text))
 }
 
 /// A reader sees the old one or the new one, never a part.
 fn write(directory: &RunDirectory, kept: &Kept<&Night>) -> io::Result<()> {
-    fs::create_dir_all(directory.report())?;
-    let path = file_of(directory);
-    let beside = path.with_extension("json.new");
-    serde_json::to_writer(BufWriter::new(fs::File::create(&beside)?), kept)?;
-    fs::rename(beside, path)
+    directory.report().make_folder()?;
+    let (unfinished, mut out) = file_of(directory).begin()?;
+    serde_json::to_writer(&mut out, kept)?;
+    out.flush()?;
+    unfinished.finish().map(drop)
 }
 
 /// By what it is known whether a run is as it was. Reports are made of it and say nothing new.
 fn state_of(directory: &RunDirectory) -> io::Result<String> {
     let mut files = Vec::new();
-    let mut folders = vec![directory.path().to_owned()];
+    let mut folders = vec![directory.root().clone()];
     while let Some(folder) = folders.pop() {
-        for entry in fs::read_dir(folder)? {
-            let path = entry?.path();
-            let about = path.metadata()?;
-            if about.is_dir() && path != directory.report() {
-                folders.push(path);
-            } else if about.is_file() {
-                let changed = about.modified()?.duration_since(UNIX_EPOCH).unwrap_or_default();
-                files.push((path, about.len(), changed.as_nanos()));
+        for (place, kind) in folder.entries()? {
+            match kind {
+                Kind::Folder if place != directory.report() => folders.push(place),
+                // Only its owner may open it, and it says nothing of what was measured.
+                Kind::File if place == directory.lock() => {}
+                Kind::File => {
+                    let about = place.open()?.metadata()?;
+                    let changed = about.modified()?.duration_since(UNIX_EPOCH).unwrap_or_default();
+                    files.push((place.path(), about.len(), changed.as_nanos()));
+                }
+                Kind::Folder | Kind::Other => {}
             }
         }
     }
     files.sort();
-    let mut hasher = Sha256::new();
+    let (mut hasher, root) = (Sha256::new(), directory.path());
     for (path, bytes, changed_ns) in files {
-        let name = path.strip_prefix(directory.path()).unwrap_or(&path);
+        let name = path.strip_prefix(root).unwrap_or(&path);
         hasher.update(name.as_os_str().as_encoded_bytes());
         hasher.update(format!("\0{bytes}\0{changed_ns}\0"));
     }

@@ -434,6 +434,31 @@ fn a_night_is_judged_against_what_the_baselines_nights_differ_by_anyway() {
     assert_eq!(judgement.findings[0].kind, Kind::FromBaseline);
 }
 
+#[rstest]
+#[case::a_little_longer(8, false)]
+#[case::much_longer(90, true)]
+fn against_a_baseline_that_is_the_same_to_the_millisecond_only_what_it_cannot_hide_is_drift(
+    #[case] took_ms: u32,
+    #[case] is_drift: bool,
+) {
+    let mut all = nights(5, 1, |_| USUAL_M);
+    for (night, ms) in all.iter_mut().zip([5, 5, 5, 5, took_ms]) {
+        let measured = night.scenarios.get_mut(SCENARIO).unwrap();
+        let values = &mut measured.values;
+        values.insert(Metric::Provisioning, vec![f64::from(ms) / 1e3]);
+    }
+    let judged = baseline::judge(&all, &Settings::default());
+    let provisioning = judged
+        .judgements
+        .iter()
+        .find(|judgement| judgement.metric == Metric::Provisioning);
+    let verdict = &provisioning.unwrap().verdict;
+    match is_drift {
+        true => assert_eq!(*verdict, Verdict::Drift),
+        false => assert!(matches!(verdict, Verdict::NoDrift { .. }), "{verdict:?}"),
+    }
+}
+
 #[test]
 fn of_a_candidate_only_what_was_said_of_itself_is_known() {
     let mut all = nights(24, 6, |_| USUAL_M);
@@ -521,6 +546,23 @@ fn false_findings_are_as_seldom_as_asked_for_and_what_was_said_to_be_found_is() 
     });
     // Of one at 0.8, above 0.7; what one history says of its own spread is not that of all.
     assert!(found > 0.65, "{found}");
+}
+
+#[test]
+fn what_a_host_says_of_itself_mentions_nobody_in_a_chat() {
+    let mut all = nights(40, 5, |number| USUAL_M + if number >= 20 { 0.012 } else { 0.0 });
+    for night in &mut all[20..] {
+        let measured = night.scenarios.get_mut(SCENARIO).unwrap();
+        measured.environment.as_mut().unwrap().platform =
+            Some(json!({"kernel": "<!channel> & <https://evil|here>"}));
+    }
+    let body = history::judge(&all, &Settings::default()).webhook();
+    let text = body["text"].as_str().unwrap();
+    assert!(
+        text.contains("&lt;!channel&gt; &amp; &lt;https://evil|here&gt;"),
+        "{text}"
+    );
+    assert!(!text.contains(['<', '>']), "{text}");
 }
 
 #[test]

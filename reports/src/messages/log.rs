@@ -1,10 +1,7 @@
 //! The messages that a control log knows of, in its order: each row is a command that was sent, and may be the first
 //! that used a state. The main type is [`LoggedMessages`].
 
-use std::{
-    fs::File,
-    path::{Path, PathBuf},
-};
+use std::fs::File;
 
 use csv::ByteRecord;
 use workload::{experiment::message::stamp_in_text, settings::Messages};
@@ -12,7 +9,7 @@ use workload::{experiment::message::stamp_in_text, settings::Messages};
 use super::frames::Label;
 use crate::{
     packets::Topic,
-    run_directory::{Fault, LogError, ReadError},
+    run_directory::{Fault, LogError, Place, ReadError},
 };
 
 /// A message in the log.
@@ -30,14 +27,14 @@ pub(super) struct Logged {
 pub(super) struct LoggedMessages {
     topic: Topic,
     messages: Messages,
-    paths: std::vec::IntoIter<PathBuf>,
+    logs: std::vec::IntoIter<Place>,
     open: Option<OpenLog>,
     last_state: u64,
 }
 
 #[derive(Debug)]
 struct OpenLog {
-    path: PathBuf,
+    place: Place,
     reader: csv::Reader<File>,
     record: ByteRecord,
     /// Where the columns are that the topic needs: number, stamp, time of receipt.
@@ -47,11 +44,11 @@ struct OpenLog {
 
 impl LoggedMessages {
     /// Of these logs.
-    pub fn new(topic: Topic, messages: Messages, paths: Vec<PathBuf>) -> Self {
+    pub fn new(topic: Topic, messages: Messages, logs: Vec<Place>) -> Self {
         Self {
             topic,
             messages,
-            paths: paths.into_iter(),
+            logs: logs.into_iter(),
             open: None,
             last_state: 0,
         }
@@ -65,8 +62,8 @@ impl LoggedMessages {
         loop {
             let open = match &mut self.open {
                 Some(open) => open,
-                None => match self.paths.next() {
-                    Some(path) => self.open.insert(OpenLog::new(path, self.topic)?),
+                None => match self.logs.next() {
+                    Some(log) => self.open.insert(OpenLog::new(log, self.topic)?),
                     None => return Ok(None),
                 },
             };
@@ -120,9 +117,9 @@ fn logged(topic: Topic, messages: Messages, [number, stamp_ns, received_ns]: [i6
 }
 
 impl OpenLog {
-    fn new(path: PathBuf, topic: Topic) -> Result<Self, ReadError> {
-        let file = File::open(&path).map_err(|source| ReadError::Io {
-            path: path.clone(),
+    fn new(place: Place, topic: Topic) -> Result<Self, ReadError> {
+        let file = place.open().map_err(|source| ReadError::Io {
+            path: place.path(),
             source,
         })?;
         let mut reader = csv::ReaderBuilder::new()
@@ -130,7 +127,7 @@ impl OpenLog {
             .from_reader(file);
         let header = reader
             .byte_headers()
-            .map_err(|error| unusable(&path, Fault::Csv(error)))?;
+            .map_err(|error| unusable(&place, Fault::Csv(error)))?;
         let columns = columns(topic)
             .into_iter()
             .map(|column| {
@@ -138,11 +135,11 @@ impl OpenLog {
                     .iter()
                     .position(|name| name.trim_ascii() == column.as_bytes());
                 at.map(|at| (column, at))
-                    .ok_or_else(|| unusable(&path, Fault::MissingColumn { column }))
+                    .ok_or_else(|| unusable(&place, Fault::MissingColumn { column }))
             })
             .collect::<Result<_, _>>()?;
         Ok(Self {
-            path,
+            place,
             reader,
             record: ByteRecord::new(),
             columns,
@@ -158,7 +155,7 @@ impl OpenLog {
                 csv::ErrorKind::UnequalLengths { .. } => Fault::Cut { line },
                 _ => Fault::Csv(error),
             };
-            unusable(&self.path, fault)
+            unusable(&self.place, fault)
         })?;
         if !more {
             return Ok(None);
@@ -176,16 +173,16 @@ impl OpenLog {
                     column: (*column).to_owned(),
                     text: field.escape_ascii().to_string(),
                 };
-                unusable(&self.path, fault)
+                unusable(&self.place, fault)
             })?;
         }
         Ok(Some(numbers))
     }
 }
 
-fn unusable(path: &Path, fault: Fault) -> ReadError {
+fn unusable(log: &Place, fault: Fault) -> ReadError {
     ReadError::Log {
-        path: path.to_owned(),
+        path: log.path(),
         source: LogError {
             fault,
             changed: false,
@@ -197,15 +194,15 @@ fn unusable(path: &Path, fault: Fault) -> ReadError {
 mod tests {
     use super::*;
 
-    fn write(folder: &Path, name: &str, rows: &str) -> PathBuf {
-        let path = folder.join(name);
+    fn write(folder: &std::path::Path, name: &str, rows: &str) -> Place {
+        let place = Place::root(folder).join(name);
         let header = "step,actual_ns,state_seq,state_stamp_ns,state_received_ns\n";
-        std::fs::write(&path, format!("{header}{rows}")).unwrap();
-        path
+        std::fs::write(place.path(), format!("{header}{rows}")).unwrap();
+        place
     }
 
-    fn all(topic: Topic, paths: Vec<PathBuf>) -> Result<Vec<(u64, i64, Option<i64>)>, ReadError> {
-        let mut messages = LoggedMessages::new(topic, Messages::Rates, paths);
+    fn all(topic: Topic, logs: Vec<Place>) -> Result<Vec<(u64, i64, Option<i64>)>, ReadError> {
+        let mut messages = LoggedMessages::new(topic, Messages::Rates, logs);
         let mut found = Vec::new();
         while let Some(Logged {
             label, received_ns, ..

@@ -2,9 +2,9 @@
 //! memory is that of a piece. The main type is [`MessageTable`].
 
 use std::{
-    fs::{self, File},
+    fs::File,
     io::{self, BufWriter},
-    path::{Path, PathBuf},
+    path::PathBuf,
 };
 
 use polars::{
@@ -16,7 +16,10 @@ use polars::{
 };
 
 use super::{exchange::Ports, frames::Label};
-use crate::packets::Topic;
+use crate::{
+    packets::Topic,
+    run_directory::{Place, Unfinished},
+};
 
 /// Rows that are gathered before they are written; also a row group of the Parquet file.
 const PIECE: usize = 1 << 16;
@@ -64,38 +67,30 @@ pub enum TableError {
 
 /// Two files under names that are not theirs until they are whole.
 pub(super) struct MessageTable {
-    csv: Unfinished,
-    parquet: Unfinished,
+    csv: (Place, Unfinished),
+    parquet: (Place, Unfinished),
     to_csv: CsvPieces<BufWriter<File>>,
     to_parquet: ParquetPieces<BufWriter<File>>,
     rows: Vec<MessageRow>,
 }
 
-/// A file that becomes another one when it is whole, and is removed if it never is.
-struct Unfinished {
-    path: PathBuf,
-    beside: PathBuf,
-}
-
 impl MessageTable {
     /// Begins `<stem>.csv` and `<stem>.parquet` in a folder, which is made if it is not there.
-    pub fn create(folder: &Path, stem: &str) -> Result<Self, TableError> {
-        fs::create_dir_all(folder).map_err(|source| TableError::Io {
-            path: folder.to_owned(),
-            source,
-        })?;
-        let (csv, csv_file) = Unfinished::create(folder.join(format!("{stem}.csv")))?;
-        let (parquet, parquet_file) = Unfinished::create(folder.join(format!("{stem}.parquet")))?;
-        let schema = frame(&[]).map_err(csv.failed())?.schema().clone();
-        let to_csv = CsvWriter::new(csv_file).batched(&schema).map_err(csv.failed())?;
+    pub fn create(folder: &Place, stem: &str) -> Result<Self, TableError> {
+        folder.make_folder().map_err(refused(folder))?;
+        let [csv, parquet] = ["csv", "parquet"].map(|extension| folder.join(format!("{stem}.{extension}")));
+        let (unfinished_csv, csv_file) = csv.begin().map_err(refused(&csv))?;
+        let (unfinished_parquet, parquet_file) = parquet.begin().map_err(refused(&parquet))?;
+        let schema = frame(&[]).map_err(failed(&csv))?.schema().clone();
+        let to_csv = CsvWriter::new(csv_file).batched(&schema).map_err(failed(&csv))?;
         // Some 100 bytes a message: worth compressing, in a way that every reader knows.
         let to_parquet = ParquetWriter::new(parquet_file)
             .with_compression(ParquetCompression::Zstd(None))
             .batched(&schema)
-            .map_err(parquet.failed())?;
+            .map_err(failed(&parquet))?;
         Ok(Self {
-            csv,
-            parquet,
+            csv: (csv, unfinished_csv),
+            parquet: (parquet, unfinished_parquet),
             to_csv,
             to_parquet,
             rows: Vec::with_capacity(PIECE),
@@ -121,54 +116,35 @@ impl MessageTable {
             to_parquet,
             ..
         } = self;
-        to_csv.finish().map_err(csv.failed())?;
-        to_parquet.finish().map_err(parquet.failed())?;
+        to_csv.finish().map_err(failed(&csv.0))?;
+        to_parquet.finish().map_err(failed(&parquet.0))?;
         // What is still buffered is written when the writers go.
         drop((to_csv, to_parquet));
-        Ok([csv.finish()?, parquet.finish()?])
+        let finish = |(place, unfinished): (Place, Unfinished)| unfinished.finish().map_err(refused(&place));
+        Ok([finish(csv)?.path(), finish(parquet)?.path()])
     }
 
     fn write_piece(&mut self) -> Result<(), TableError> {
         if self.rows.is_empty() {
             return Ok(());
         }
-        let frame = frame(&self.rows).map_err(self.csv.failed())?;
+        let frame = frame(&self.rows).map_err(failed(&self.csv.0))?;
         self.rows.clear();
-        self.to_csv.write_batch(&frame).map_err(self.csv.failed())?;
-        self.to_parquet.write_batch(&frame).map_err(self.parquet.failed())
+        self.to_csv.write_batch(&frame).map_err(failed(&self.csv.0))?;
+        self.to_parquet
+            .write_batch(&frame)
+            .map_err(failed(&self.parquet.0))
     }
 }
 
-impl Unfinished {
-    fn create(path: PathBuf) -> Result<(Self, BufWriter<File>), TableError> {
-        let mut beside = path.clone().into_os_string();
-        beside.push(".new");
-        let beside = PathBuf::from(beside);
-        match File::create(&beside) {
-            Ok(file) => Ok((Self { path, beside }, BufWriter::new(file))),
-            Err(source) => Err(TableError::Io { path: beside, source }),
-        }
-    }
-
-    fn failed(&self) -> impl FnOnce(PolarsError) -> TableError + use<> {
-        let path = self.path.clone();
-        |source| TableError::Columns { path, source }
-    }
-
-    fn finish(self) -> Result<PathBuf, TableError> {
-        let path = self.path.clone();
-        match fs::rename(&self.beside, &path) {
-            Ok(()) => Ok(path),
-            Err(source) => Err(TableError::Io { path, source }),
-        }
-    }
+fn refused(place: &Place) -> impl FnOnce(io::Error) -> TableError + use<> {
+    let path = place.path();
+    |source| TableError::Io { path, source }
 }
 
-impl Drop for Unfinished {
-    fn drop(&mut self) {
-        // Nothing is there any more if it was finished.
-        let _ = fs::remove_file(&self.beside);
-    }
+fn failed(place: &Place) -> impl FnOnce(PolarsError) -> TableError + use<> {
+    let path = place.path();
+    |source| TableError::Columns { path, source }
 }
 
 fn frame(rows: &[MessageRow]) -> PolarsResult<DataFrame> {

@@ -7,10 +7,14 @@ use std::{
     fs::File,
     io::{self, Read},
     ops::Range,
-    path::{Path, PathBuf},
+    path::PathBuf,
 };
 
 use pcap_file::{DataLink, PcapError, TsResolution, pcap::PcapParser};
+use sha2::{Digest, Sha256};
+use workload::record::window::FileRecord;
+
+use crate::run_directory::Place;
 
 /// What is asked of the file at once.
 const FIRST_BUFFER_BYTES: usize = 1 << 18;
@@ -26,12 +30,12 @@ pub struct CaptureFile {
     unread: Range<usize>,
     parser: PcapParser,
     packets: u64,
-    current: Option<Place>,
+    current: Option<PacketPlace>,
 }
 
 /// The current packet, and where its bytes are in the buffer.
 #[derive(Debug, Clone)]
-struct Place {
+struct PacketPlace {
     stamp_unix_ns: i64,
     original_bytes: usize,
     bytes: Range<usize>,
@@ -89,6 +93,9 @@ pub enum CaptureFault {
         /// As it is.
         found: u64,
     },
+    /// What is in it is not what was sealed.
+    #[error(transparent)]
+    NotAsRecorded(#[from] NotAsRecorded),
     /// The operating system refused, or the file is not there.
     #[error("it cannot be read")]
     Io(#[source] io::Error),
@@ -103,7 +110,10 @@ impl CaptureReadError {
             CaptureFault::NotOurs { .. } => {
                 "give a capture as the workload writes it: pcap, plain or compressed with zstd"
             }
-            CaptureFault::Cut { .. } | CaptureFault::Damaged { .. } | CaptureFault::Changed { .. } => {
+            CaptureFault::Cut { .. }
+            | CaptureFault::Damaged { .. }
+            | CaptureFault::Changed { .. }
+            | CaptureFault::NotAsRecorded(_) => {
                 "the file was changed after it was measured: restore it from a copy, or move the window's folder away"
             }
         }
@@ -115,19 +125,55 @@ impl CaptureFile {
     ///
     /// # Errors
     /// If it is not there, or no pcap file of Ethernet packets.
-    pub fn open(path: &Path) -> Result<Self, CaptureReadError> {
+    pub fn open(place: &Place) -> Result<Self, CaptureReadError> {
         let failed = |source| CaptureReadError {
-            path: path.to_owned(),
+            path: place.path(),
             source,
         };
-        let file = File::open(path).map_err(|error| failed(CaptureFault::Io(error)))?;
-        let source: Box<dyn Read> = if path.extension().is_some_and(|extension| extension == "zst") {
+        let file = place.open().map_err(|error| failed(CaptureFault::Io(error)))?;
+        let source: Box<dyn Read> = if place.name().ends_with(".zst") {
             let unpacking = zstd::stream::read::Decoder::new(file);
             Box::new(unpacking.map_err(|error| failed(CaptureFault::Io(error)))?)
         } else {
             Box::new(file)
         };
-        Self::from_source(path.to_owned(), source)
+        Self::from_source(place.path(), source)
+    }
+
+    /// Opens a capture that a window's record describes. Its last packet is followed by an error if it is another file than that,
+    /// and no more is unpacked of it than was measured.
+    ///
+    /// # Errors
+    /// As [`Self::open`], and if it is not as long as its record says.
+    pub fn open_recorded(place: &Place, record: &FileRecord) -> Result<Self, CaptureReadError> {
+        let failed = |source| CaptureReadError {
+            path: place.path(),
+            source,
+        };
+        let file = place.open().map_err(|error| failed(CaptureFault::Io(error)))?;
+        let about = file.metadata().map_err(|error| failed(CaptureFault::Io(error)))?;
+        let (expected, found) = (record.bytes, about.len());
+        if found != expected {
+            return Err(failed(CaptureFault::Changed { expected, found }));
+        }
+        let sealed = Sealed {
+            inner: file,
+            hasher: Sha256::new(),
+            sha256: record.sha256.clone(),
+        };
+        let most = record.as_measured().bytes;
+        let source: Box<dyn Read> = if place.name().ends_with(".zst") {
+            let unpacking = zstd::stream::read::Decoder::new(sealed);
+            let inner = unpacking.map_err(|error| failed(CaptureFault::Io(error)))?;
+            Box::new(NoLonger {
+                inner,
+                most,
+                left: most,
+            })
+        } else {
+            Box::new(sealed)
+        };
+        Self::from_source(place.path(), source)
     }
 
     /// Reads a pcap stream that is known as `path` in errors.
@@ -193,7 +239,7 @@ impl CaptureFile {
                         TsResolution::MicroSecond => i64::from(packet.ts_frac) * 1000,
                     };
                     let end = self.unread.end - rest.len();
-                    self.current = Some(Place {
+                    self.current = Some(PacketPlace {
                         stamp_unix_ns: i64::from(packet.ts_sec) * 1_000_000_000 + fraction_ns,
                         original_bytes: packet.orig_len as usize,
                         bytes: end - packet.data.len()..end,
@@ -248,8 +294,66 @@ impl CaptureFile {
     }
 }
 
+/// How a capture differs from what its window's record says of it.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, thiserror::Error)]
+pub enum NotAsRecorded {
+    /// Of the same length, and another.
+    #[error("its SHA-256 is not the one that window.json has")]
+    Another,
+    /// Compressed as no capture is.
+    #[error("it unpacks to more than the {most_bytes} bytes that window.json says")]
+    Longer {
+        /// What was measured.
+        most_bytes: u64,
+    },
+}
+
+/// A file that ends in an error if it is not the one that was sealed.
+struct Sealed {
+    inner: File,
+    hasher: Sha256,
+    /// In hexadecimal.
+    sha256: String,
+}
+
+impl Read for Sealed {
+    fn read(&mut self, buffer: &mut [u8]) -> io::Result<usize> {
+        let read = self.inner.read(buffer)?;
+        self.hasher.update(buffer.get(..read).unwrap_or_default());
+        let is_end = read == 0 && !buffer.is_empty();
+        if is_end && format!("{:x}", self.hasher.clone().finalize()) != self.sha256 {
+            return Err(io::Error::other(NotAsRecorded::Another));
+        }
+        Ok(read)
+    }
+}
+
+/// A stream that ends in an error if it is longer than it may be.
+struct NoLonger<R> {
+    inner: R,
+    most: u64,
+    left: u64,
+}
+
+impl<R: Read> Read for NoLonger<R> {
+    fn read(&mut self, buffer: &mut [u8]) -> io::Result<usize> {
+        let read = self.inner.read(buffer)?;
+        let left = self.left.checked_sub(read as u64);
+        self.left = left.ok_or_else(|| {
+            io::Error::other(NotAsRecorded::Longer {
+                most_bytes: self.most,
+            })
+        })?;
+        Ok(read)
+    }
+}
+
 /// A compressed stream that breaks off ends in this error; a plain file just ends.
 fn fault_of_reading(error: io::Error, packets: u64) -> CaptureFault {
+    let cause = error.get_ref().and_then(|cause| cause.downcast_ref());
+    if let Some(unlike) = cause {
+        return CaptureFault::NotAsRecorded(*unlike);
+    }
     match error.kind() {
         io::ErrorKind::UnexpectedEof => CaptureFault::Cut { packets },
         _ => CaptureFault::Io(error),
@@ -295,6 +399,7 @@ mod tests {
     use rstest::rstest;
 
     use super::*;
+    use workload::record::window::MeasuredFile;
 
     fn pcap(packets: &[(u64, usize)], header: PcapHeader) -> Vec<u8> {
         let mut writer = PcapWriter::with_header(Vec::new(), header).unwrap();
@@ -364,9 +469,9 @@ mod tests {
     fn a_compressed_capture_reads_as_the_plain_one() {
         let bytes = pcap(&[(1, 60), (2, 61)], nanoseconds());
         let folder = tempfile::tempdir().unwrap();
-        let path = folder.path().join("h1.pcap.zst");
-        std::fs::write(&path, zstd::encode_all(&*bytes, 3).unwrap()).unwrap();
-        let mut file = CaptureFile::open(&path).unwrap();
+        let place = Place::root(folder.path()).join("h1.pcap.zst");
+        std::fs::write(place.path(), zstd::encode_all(&*bytes, 3).unwrap()).unwrap();
+        let mut file = CaptureFile::open(&place).unwrap();
         assert_eq!(file.snaplen(), 96);
         assert!(file.advance().unwrap() && file.advance().unwrap());
         assert_eq!(file.packet().unwrap().original_bytes, 61);
@@ -396,9 +501,9 @@ mod tests {
             .collect();
         let bytes = zstd::encode_all(&*pcap(&packets, nanoseconds()), 3).unwrap();
         let folder = tempfile::tempdir().unwrap();
-        let path = folder.path().join("h1.pcap.zst");
-        std::fs::write(&path, &bytes[..bytes.len() - 7]).unwrap();
-        let mut file = CaptureFile::open(&path).unwrap();
+        let place = Place::root(folder.path()).join("h1.pcap.zst");
+        std::fs::write(place.path(), &bytes[..bytes.len() - 7]).unwrap();
+        let mut file = CaptureFile::open(&place).unwrap();
         let error = loop {
             match file.advance() {
                 Ok(more) => assert!(more, "it does not end as if it were whole"),
@@ -427,9 +532,72 @@ mod tests {
         ));
     }
 
+    fn record_of(name: &str, bytes: &[u8], measured: u64) -> FileRecord {
+        FileRecord {
+            name: name.to_owned(),
+            bytes: bytes.len() as u64,
+            sha256: format!("{:x}", Sha256::digest(bytes)),
+            measured: name.ends_with(".zst").then(|| MeasuredFile {
+                bytes: measured,
+                sha256: String::new(),
+            }),
+        }
+    }
+
+    /// How the reading of a recorded capture ends, and after how many packets.
+    fn end_of(name: &str, bytes: &[u8], record: &FileRecord) -> (u64, Result<(), CaptureFault>) {
+        let folder = tempfile::tempdir().unwrap();
+        let place = Place::root(folder.path()).join(name);
+        std::fs::write(place.path(), bytes).unwrap();
+        let mut file = match CaptureFile::open_recorded(&place, record) {
+            Ok(file) => file,
+            Err(error) => return (0, Err(error.source)),
+        };
+        loop {
+            match file.advance() {
+                Ok(true) => {}
+                Ok(false) => return (file.packets, Ok(())),
+                Err(error) => return (file.packets, Err(error.source)),
+            }
+        }
+    }
+
+    #[test]
+    fn any_byte_that_is_another_than_was_sealed_is_found() {
+        let plain = pcap(&[(1, 60), (2, 61)], nanoseconds());
+        let packed = zstd::encode_all(&*plain, 3).unwrap();
+        for (name, bytes) in [("h1.pcap", &plain), ("h1.pcap.zst", &packed)] {
+            let record = record_of(name, bytes, plain.len() as u64);
+            assert!(matches!(end_of(name, bytes, &record), (2, Ok(()))));
+            for at in 0..bytes.len() {
+                let mut changed = bytes.clone();
+                changed[at] ^= 1;
+                assert!(end_of(name, &changed, &record).1.is_err(), "byte {at} of {name}");
+            }
+        }
+    }
+
+    #[test]
+    fn no_more_is_unpacked_than_was_measured() {
+        let mut bytes = pcap(&[(1, 60)], nanoseconds());
+        let measured = bytes.len() as u64;
+        // A gigabyte of packets without content, in some kilobytes.
+        let empty = pcap(&[(2, 0)], nanoseconds()).split_off(24).repeat(1 << 16);
+        (0..1000).for_each(|_| bytes.extend_from_slice(&empty));
+        let packed = zstd::encode_all(&*bytes, 1).unwrap();
+        drop(bytes);
+        let record = record_of("h1.pcap.zst", &packed, measured);
+        let (packets, end) = end_of("h1.pcap.zst", &packed, &record);
+        assert!(
+            matches!(end, Err(CaptureFault::NotAsRecorded(NotAsRecorded::Longer { most_bytes })) if most_bytes == measured),
+            "{end:?}"
+        );
+        assert_eq!(packets, 0, "the first piece that is unpacked is too long already");
+    }
+
     #[test]
     fn a_file_that_is_not_there_is_named() {
-        let error = CaptureFile::open(Path::new("/nowhere/h1.pcap")).unwrap_err();
+        let error = CaptureFile::open(&Place::root("/nowhere").join("h1.pcap")).unwrap_err();
         assert_eq!(error.to_string(), "/nowhere/h1.pcap cannot be used");
         assert!(error.hint().contains("is there"));
     }

@@ -1,24 +1,28 @@
 //! Windows that follow on each other without a gap in one environment: their captures are one stream, so that a message
 //! that was under way at a boundary is whole. The main type is [`Stretch`].
 
-use std::path::{Path, PathBuf};
+use std::path::Path;
 
-use workload::{record::window::WindowRecord, virtual_host::VirtualHost};
+use workload::{
+    record::window::{FileRecord, WindowRecord},
+    virtual_host::VirtualHost,
+};
 
-use super::{CaptureFault, CaptureFile, CaptureReadError, Packet, Topic};
+use super::{CaptureFile, CaptureReadError, Packet, Topic};
+use crate::run_directory::Place;
 
 /// A window whose captures are read.
 #[derive(Debug, Clone, PartialEq)]
 pub(crate) struct CapturedWindow {
     /// Its folder.
-    pub folder: PathBuf,
+    pub folder: Place,
     /// What it says of itself.
     pub record: WindowRecord,
 }
 
 impl CapturedWindow {
     /// Its control log.
-    pub fn log(&self) -> PathBuf {
+    pub fn log(&self) -> Place {
         self.folder.join("control.csv")
     }
 
@@ -30,10 +34,10 @@ impl CapturedWindow {
     }
 
     /// The capture of a host.
-    fn capture_of(&self, host: VirtualHost) -> Option<(PathBuf, u64)> {
+    fn capture_of(&self, host: VirtualHost) -> Option<(Place, FileRecord)> {
         let names = [format!("{host}.pcap"), format!("{host}.pcap.zst")];
         let file = self.record.files.iter().find(|file| names.contains(&file.name))?;
-        Some((self.folder.join(&file.name), file.bytes))
+        Some((self.folder.join(&file.name), file.clone()))
     }
 }
 
@@ -68,7 +72,7 @@ impl Stretch {
     /// Gives each packet of the controller's and the plant's captures to `take`, in the order of their stamps.
     ///
     /// # Errors
-    /// If a capture cannot be read or is not as long as its record says, and what `take` fails with.
+    /// If a capture cannot be read or is another than its record says, and what `take` fails with.
     pub fn read<E: From<CaptureReadError>>(
         &self,
         mut take: impl FnMut(VirtualHost, &Packet<'_>) -> Result<(), E>,
@@ -133,7 +137,7 @@ impl Stretch {
 
     /// The windows before and after the one that has this capture.
     pub fn without(mut self, capture: &Path) -> [Option<Self>; 2] {
-        let is_it = |window: &CapturedWindow| Some(window.folder.as_path()) == capture.parent();
+        let is_it = |window: &CapturedWindow| Some(window.folder.path().as_path()) == capture.parent();
         let at = self.windows.iter().position(is_it).unwrap_or(self.windows.len());
         let after = self.windows.split_off((at + 1).min(self.windows.len()));
         self.windows.truncate(at);
@@ -142,7 +146,7 @@ impl Stretch {
 
     /// The number of the window that has this capture.
     pub fn window_of(&self, capture: &Path) -> Option<u32> {
-        let is_it = |window: &&CapturedWindow| Some(window.folder.as_path()) == capture.parent();
+        let is_it = |window: &&CapturedWindow| Some(window.folder.path().as_path()) == capture.parent();
         Some(self.windows.iter().find(is_it)?.record.window)
     }
 }
@@ -150,7 +154,7 @@ impl Stretch {
 /// The packets of one host, file after file.
 #[derive(Debug)]
 struct HostPackets {
-    files: std::vec::IntoIter<(PathBuf, u64)>,
+    files: std::vec::IntoIter<(Place, FileRecord)>,
     open: Option<CaptureFile>,
 }
 
@@ -158,7 +162,7 @@ impl HostPackets {
     /// Goes to the next packet; false at the end of the last file.
     ///
     /// # Errors
-    /// If a file cannot be read, or is not as long as its record says.
+    /// If a file cannot be read, or is another than its record says.
     fn advance(&mut self) -> Result<bool, CaptureReadError> {
         loop {
             if let Some(open) = &mut self.open
@@ -167,10 +171,7 @@ impl HostPackets {
                 return Ok(true);
             }
             match self.files.next() {
-                Some((path, bytes)) => {
-                    see_that_it_is_whole(&path, bytes)?;
-                    self.open = Some(CaptureFile::open(&path)?);
-                }
+                Some((place, record)) => self.open = Some(CaptureFile::open_recorded(&place, &record)?),
                 None => return Ok(false),
             }
         }
@@ -184,21 +185,5 @@ impl HostPackets {
     /// Its stamp; later than all when there is none.
     fn stamp_unix_ns(&self) -> i64 {
         self.packet().map_or(i64::MAX, |packet| packet.stamp_unix_ns)
-    }
-}
-
-fn see_that_it_is_whole(path: &Path, expected: u64) -> Result<(), CaptureReadError> {
-    let failed = |source| CaptureReadError {
-        path: path.to_owned(),
-        source,
-    };
-    let found = path
-        .metadata()
-        .map_err(|error| failed(CaptureFault::Io(error)))?
-        .len();
-    if found == expected {
-        Ok(())
-    } else {
-        Err(failed(CaptureFault::Changed { expected, found }))
     }
 }

@@ -4,11 +4,12 @@
 //! The error is e = reference − position, where the position is what the controller received, as in the paper, or where the
 //! ball truly was ([`PlantTrace`]). The main type is [`ControlTrace`].
 
-use std::{io::Read, path::Path};
+use std::io::Read;
 
 use workload::record::window::FileRecord;
 
 use super::{
+    Place,
     lines::{Fields, Lines},
     log::{FAR_M, Fault, Header, LogError, read_log},
     number::Number,
@@ -103,8 +104,8 @@ impl ControlTrace {
     ///
     /// # Errors
     /// When it cannot be read, is not as long as expected, or has a field that is wrong.
-    pub fn read(path: &Path, expected: Expected<'_>, truth: Option<&PlantTrace>) -> Result<Self, LogError> {
-        read_log(path, expected.file, |file| parse(file, expected, truth))
+    pub fn read(place: &Place, expected: Expected<'_>, truth: Option<&PlantTrace>) -> Result<Self, LogError> {
+        read_log(place, expected.file, |file| parse(file, expected, truth))
     }
 }
 

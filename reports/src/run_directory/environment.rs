@@ -4,7 +4,10 @@ use std::collections::BTreeMap;
 
 use serde::{Deserialize, Serialize};
 use serde_json::{Map, Value};
-use workload::record::platform::{PlatformChange, RealtimeGrant};
+use workload::record::{
+    name::name,
+    platform::{PlatformChange, RealtimeGrant},
+};
 
 use super::ClockDrift;
 
@@ -13,6 +16,7 @@ use super::ClockDrift;
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct EnvironmentRecord {
     /// The environment's name.
+    #[serde(deserialize_with = "name")]
     pub environment: String,
     /// The provider that made it.
     pub provider: String,

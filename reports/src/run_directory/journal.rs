@@ -4,12 +4,14 @@
 //! Intent comes before effect: [`Event::EnvironmentCreating`] names every resource before it exists, so that whatever
 //! a crash leaves behind can be found. Nothing else knows the state of a run.
 
-use std::path::Path;
-
 use serde::{Deserialize, Serialize};
-use workload::record::{progress::Progress, window::Verdict};
+use workload::record::{name::name, progress::Progress, window::Verdict};
 
-use super::reading::{ReadError, read_file};
+use super::{
+    Chain, Place,
+    chain::Changed,
+    reading::{ReadError, read_file},
+};
 
 /// One line of the journal.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
@@ -31,6 +33,12 @@ pub enum Event {
         pid: u32,
         /// Whether this goes on with an earlier start.
         resumed: bool,
+        /// SHA-256 of `manifest.json`, in hexadecimal; none in runs of earlier versions.
+        #[serde(default, skip_serializing_if = "Option::is_none")]
+        manifest_sha256: Option<String>,
+        /// That of `plan.json`.
+        #[serde(default, skip_serializing_if = "Option::is_none")]
+        plan_sha256: Option<String>,
     },
     /// The host is held by another; waiting for it.
     HostBusy {
@@ -42,6 +50,7 @@ pub enum Event {
     /// Work on a scenario began.
     ScenarioStarted {
         /// The scenario.
+        #[serde(deserialize_with = "name")]
         scenario: String,
         /// The windows that are still wanted.
         windows: Vec<u32>,
@@ -49,8 +58,10 @@ pub enum Event {
     /// An environment and its resources are about to be created.
     EnvironmentCreating {
         /// The scenario.
+        #[serde(deserialize_with = "name")]
         scenario: String,
         /// The environment's name; unique for ever.
+        #[serde(deserialize_with = "name")]
         environment: String,
         /// The provider.
         provider: String,
@@ -62,8 +73,10 @@ pub enum Event {
     /// The environment exists and the workload was started in it.
     EnvironmentCreated {
         /// The scenario.
+        #[serde(deserialize_with = "name")]
         scenario: String,
         /// The environment.
+        #[serde(deserialize_with = "name")]
         environment: String,
         /// What the provider knows of it: engine version, image digest, …
         facts: serde_json::Map<String, serde_json::Value>,
@@ -71,8 +84,10 @@ pub enum Event {
     /// An environment that an earlier process left was found again.
     EnvironmentFound {
         /// The scenario.
+        #[serde(deserialize_with = "name")]
         scenario: String,
         /// The environment.
+        #[serde(deserialize_with = "name")]
         environment: String,
         /// Whether its workload still runs.
         running: bool,
@@ -80,26 +95,61 @@ pub enum Event {
     /// What the workload said. `Health` and `Notice` go to those who watch, not into the journal.
     Workload {
         /// The scenario.
+        #[serde(deserialize_with = "name")]
         scenario: String,
         /// Its line.
         progress: Progress,
     },
+    /// Nothing was heard of a workload that says how it is each second: it stands still, or its host or engine does.
+    WorkloadSilent {
+        /// The scenario.
+        #[serde(deserialize_with = "name")]
+        scenario: String,
+        /// For how long, in seconds.
+        for_s: u64,
+    },
+    /// It was heard of again.
+    WorkloadHeard {
+        /// The scenario.
+        #[serde(deserialize_with = "name")]
+        scenario: String,
+        /// After how long, in seconds.
+        after_s: u64,
+    },
+    /// What the environment was is about to be written to the scenario's `environment.json`.
+    EnvironmentRecorded {
+        /// The scenario.
+        #[serde(deserialize_with = "name")]
+        scenario: String,
+        /// The environment.
+        #[serde(deserialize_with = "name")]
+        environment: String,
+        /// The file's SHA-256, in hexadecimal.
+        sha256: String,
+    },
     /// A window is in the run directory, whole and verified.
     WindowCollected {
         /// The scenario.
+        #[serde(deserialize_with = "name")]
         scenario: String,
         /// The environment that measured it.
+        #[serde(deserialize_with = "name")]
         environment: String,
         /// Its number.
         window: u32,
         /// What it is worth.
         verdict: Verdict,
+        /// SHA-256 of its `window.json` as it is in the run directory, in hexadecimal; none in runs of earlier versions.
+        #[serde(default, skip_serializing_if = "Option::is_none")]
+        sha256: Option<String>,
     },
     /// A window broke; what there is of it is kept aside and never counted.
     WindowBroken {
         /// The scenario.
+        #[serde(deserialize_with = "name")]
         scenario: String,
         /// The environment that measured it.
+        #[serde(deserialize_with = "name")]
         environment: String,
         /// Its number.
         window: u32,
@@ -109,27 +159,34 @@ pub enum Event {
     /// The environment's resources are about to be removed.
     EnvironmentDiscarding {
         /// The scenario.
+        #[serde(deserialize_with = "name")]
         scenario: String,
         /// The environment.
+        #[serde(deserialize_with = "name")]
         environment: String,
     },
     /// None of the environment's resources is left.
     EnvironmentDiscarded {
         /// The scenario.
+        #[serde(deserialize_with = "name")]
         scenario: String,
         /// The environment.
+        #[serde(deserialize_with = "name")]
         environment: String,
     },
     /// The environment stays, as it was wished: for `matrix shell`, until `matrix clean`.
     EnvironmentKept {
         /// The scenario.
+        #[serde(deserialize_with = "name")]
         scenario: String,
         /// The environment.
+        #[serde(deserialize_with = "name")]
         environment: String,
     },
     /// Work on a scenario ended.
     ScenarioFinished {
         /// The scenario.
+        #[serde(deserialize_with = "name")]
         scenario: String,
         /// How.
         outcome: Outcome,
@@ -182,6 +239,9 @@ pub struct Resource {
     pub name: String,
 }
 
+/// Some hundred events a scenario with all its windows, and a thousand scenarios: a sixth of it.
+const LONGEST: u64 = 256 << 20;
+
 /// A journal as it was read.
 #[derive(Debug, Clone, Default, PartialEq)]
 pub struct Journal {
@@ -189,18 +249,26 @@ pub struct Journal {
     pub entries: Vec<JournalEntry>,
     /// The numbers of lines that a crash cut, from 1. What they were to announce had not been done.
     pub cut_lines: Vec<usize>,
+    /// The checksums of the lines that are entries: the next one goes on from here.
+    pub chain: Chain,
 }
 
 impl Journal {
-    /// Reads a journal. A line that a crash cut is the last one, or one that is followed by a new start: those are left
-    /// out and remarked.
+    /// Whether all that it says is as it was written: journals of earlier versions do not know.
+    #[must_use]
+    pub fn is_checked(&self) -> bool {
+        self.entries.is_empty() || self.chain.is_checked()
+    }
+
+    /// Reads a journal. Lines that a crash cut are the last ones, or followed by a new start, which may have been cut
+    /// too: those are left out and remarked.
     ///
     /// # Errors
-    /// When the file is missing or cannot be read, or another line is not an event.
-    pub fn read(path: &Path) -> Result<Self, ReadError> {
-        let text = read_file(path)?;
+    /// When the file is missing or cannot be read, another line is not an event, or one is not as it was written.
+    pub fn read(place: &Place) -> Result<Self, ReadError> {
+        let text = read_file(place, LONGEST)?;
         let mut journal = Self::default();
-        let mut unreadable = None;
+        let mut unreadable = Vec::new();
         // By bytes, since a crash may cut a character in two.
         let lines = text
             .split(|byte| *byte == b'\n')
@@ -208,22 +276,32 @@ impl Journal {
             .map(|(index, line)| (index + 1, line));
         for (line, bytes) in lines.filter(|(_, bytes)| !bytes.trim_ascii().is_empty()) {
             let entry = serde_json::from_slice::<JournalEntry>(bytes);
-            if let Some((line, source)) = unreadable.take() {
-                if !matches!(&entry, Ok(entry) if matches!(entry.event, Event::RunStarted { .. })) {
-                    return Err(ReadError::Journal {
-                        path: path.to_owned(),
-                        line,
-                        source,
-                    });
-                }
-                journal.cut_lines.push(line);
-            }
             match entry {
-                Ok(entry) => journal.entries.push(entry),
-                Err(source) => unreadable = Some((line, source)),
+                Err(source) => unreadable.push((line, source)),
+                Ok(entry) => {
+                    let begins = matches!(entry.event, Event::RunStarted { .. });
+                    let mut cut = unreadable.drain(..);
+                    if let Some((line, source)) = cut.next() {
+                        if !begins {
+                            return Err(ReadError::Journal {
+                                path: place.path(),
+                                line,
+                                source,
+                            });
+                        }
+                        journal.cut_lines.push(line);
+                    }
+                    journal.cut_lines.extend(cut.map(|(line, _)| line));
+                    let followed = journal.chain.follow(bytes);
+                    followed.map_err(|Changed| ReadError::Damaged {
+                        path: place.path(),
+                        how: format!("line {line}, or one before it, is not as it was written"),
+                    })?;
+                    journal.entries.push(entry);
+                }
             }
         }
-        journal.cut_lines.extend(unreadable.map(|(line, _)| line));
+        journal.cut_lines.extend(unreadable.iter().map(|(line, _)| line));
         Ok(journal)
     }
 }
@@ -242,9 +320,9 @@ mod tests {
 
     fn read(lines: &[&str]) -> Result<Journal, ReadError> {
         let folder = tempfile::tempdir().unwrap();
-        let path = folder.path().join("events.jsonl");
-        fs::write(&path, lines.join("\n")).unwrap();
-        Journal::read(&path)
+        let place = Place::root(folder.path()).join("events.jsonl");
+        fs::write(place.path(), lines.join("\n")).unwrap();
+        Journal::read(&place)
     }
 
     #[rstest]
@@ -252,6 +330,8 @@ mod tests {
     #[case(&[STARTED, CUT], 1, &[2])]
     #[case(&[STARTED, CUT, ""], 1, &[2])]
     #[case(&[STARTED, CUT, STARTED, INTERRUPTED, CUT], 3, &[2, 5])]
+    #[case(&[STARTED, CUT, CUT], 1, &[2, 3])]
+    #[case(&[STARTED, CUT, CUT, STARTED, INTERRUPTED], 3, &[2, 3])]
     #[case(&[], 0, &[])]
     fn a_line_that_a_crash_cut_is_left_out_and_remarked(
         #[case] lines: &[&str],
@@ -267,6 +347,7 @@ mod tests {
 
     #[rstest]
     #[case(&[STARTED, CUT, INTERRUPTED], 2)]
+    #[case(&[STARTED, CUT, CUT, INTERRUPTED], 2)]
     #[case(&["not json", INTERRUPTED], 1)]
     #[case(&[STARTED, r#"{"at":"x","event":"of-the-future"}"#, INTERRUPTED], 2)]
     fn garbage_in_the_midst_is_an_error_with_its_line(#[case] lines: &[&str], #[case] wrong: usize) {
@@ -277,8 +358,14 @@ mod tests {
     }
 
     #[test]
+    fn a_host_is_as_earlier_versions_called_it() {
+        let busy = r#"{"at":"2026-11-21T04:00:00.000Z","event":"host-busy","host":"this machine","holder":"process 7"}"#;
+        assert_eq!(read(&[STARTED, busy]).unwrap().entries.len(), 2);
+    }
+
+    #[test]
     fn a_missing_journal_is_a_half_written_run() {
-        let error = Journal::read(Path::new("/nowhere/events.jsonl")).unwrap_err();
+        let error = Journal::read(&Place::root("/nowhere").join("events.jsonl")).unwrap_err();
         assert!(matches!(error, ReadError::HalfWritten { .. }));
     }
 }

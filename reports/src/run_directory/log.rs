@@ -1,12 +1,12 @@
 //! A log of a window: CSV with a header, whose length and checksum `window.json` has. [`read_log`] reads one; what can be wrong
 //! with it is [`Fault`].
 
-use std::{fs::File, io, path::Path};
+use std::{fs::File, io};
 
 use sha2::{Digest, Sha256};
 use workload::record::window::FileRecord;
 
-use super::{lines::Fields, number::Number};
+use super::{Place, lines::Fields, number::Number};
 
 /// A log that cannot be used.
 #[derive(Debug, thiserror::Error)]
@@ -19,16 +19,35 @@ pub struct LogError {
 }
 
 impl LogError {
+    /// Whether the system could not read it: nobody knows what is in it then.
+    #[must_use]
+    pub fn is_of_the_system(&self) -> bool {
+        matches!(&self.fault, Fault::Csv(error) if error.is_io_error())
+    }
+
+    /// Whose fault it is.
+    #[must_use]
+    pub const fn cause(&self) -> &'static str {
+        match self.changed {
+            true => {
+                "the file was changed after it was measured, since its SHA-256 is not that of window.json"
+            }
+            false => "the file is as the workload wrote it, so the measurement itself is at fault",
+        }
+    }
+
     /// What to do about it.
     #[must_use]
     pub fn hint(&self) -> String {
-        let how = if self.changed {
-            "the file was changed after it was measured, since its SHA-256 is not that of window.json: restore it \
-             from a copy"
+        let restored = if self.changed {
+            ": restore it from a copy"
         } else {
-            "the file is as the workload wrote it, so the measurement itself is at fault"
+            ""
         };
-        format!("{how}; or move the window's folder away, and the report counts the window as missing")
+        format!(
+            "{}{restored}; or move the window's folder away, and the report counts the window as missing",
+            self.cause()
+        )
     }
 }
 
@@ -120,7 +139,7 @@ impl Fault {
 /// # Errors
 /// When it cannot be read or parsed, or is not the file of its record.
 pub(super) fn read_log<T>(
-    path: &Path,
+    place: &Place,
     record: &FileRecord,
     parse: impl FnOnce(&mut Hashing<File>) -> Result<(T, u64), Fault>,
 ) -> Result<T, LogError> {
@@ -128,7 +147,7 @@ pub(super) fn read_log<T>(
         fault: Fault::unreadable(source),
         changed: false,
     };
-    let mut file = Hashing::new(File::open(path).map_err(unreadable)?);
+    let mut file = Hashing::new(place.open().map_err(unreadable)?);
     let parsed = parse(&mut file);
     // To the end in any case: whether the file is the one that was measured decides what is to be done.
     io::copy(&mut file, &mut io::sink()).map_err(unreadable)?;

@@ -1,8 +1,9 @@
 //! `manifest.json`: what was asked. The main type is [`Manifest`].
 
-use std::fmt;
+use std::{fmt, path::PathBuf};
 
 use serde::{Deserialize, Serialize};
+use workload::record::name::name;
 
 use crate::settings::ReportSettings;
 
@@ -12,6 +13,7 @@ pub struct Manifest {
     /// [`super::FORMAT`] at the time of writing.
     pub format: u32,
     /// The run's name, which is its folder's name at first.
+    #[serde(deserialize_with = "name")]
     pub run: String,
     /// When it was asked for, RFC 3339.
     pub created: String,
@@ -40,6 +42,10 @@ pub struct Manifest {
     /// The hosts that the matrix file names; none in runs of earlier versions, which were on one machine.
     #[serde(default)]
     pub hosts: Vec<HostRecord>,
+    /// Where this machine keeps what is of the run and not in its directory, such as the environments of `native`; none in
+    /// runs of earlier versions and in redacted copies.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub state_directory: Option<PathBuf>,
     /// How the tables are to be made.
     pub report: ReportSettings,
     /// Whether this is a copy from which names were taken ([`crate::redaction`]): it can be reported, and not resumed.
@@ -76,6 +82,7 @@ fn randomised() -> String {
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct HostRecord {
     /// Its name in the matrix file.
+    #[serde(deserialize_with = "name")]
     pub name: String,
     /// How it is reached, as the matrix file says it.
     pub connect: serde_json::Value,

@@ -1,7 +1,15 @@
 //! `plan.json`: every scenario, feasible or not, and the order they run in. The main type is [`PlanRecord`].
 
+use std::collections::BTreeSet;
+
 use serde::{Deserialize, Serialize};
-use workload::settings::{Settings, recorded};
+use workload::{
+    record::{
+        name::{name, name_if_any},
+        window::Impossible,
+    },
+    settings::{Settings, recorded},
+};
 
 /// The plan of a run.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
@@ -20,12 +28,15 @@ pub struct PlanRecord {
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct PlannedScenario {
     /// Its letter: a, b, … z, aa, ab, …
+    #[serde(deserialize_with = "name")]
     pub id: String,
     /// Its name in files, containers and logs, such as `i686-ubuntu-native`.
+    #[serde(deserialize_with = "name")]
     pub slug: String,
     /// Axis to value, in the matrix's order.
     pub axes: serde_json::Map<String, serde_json::Value>,
     /// Name of the host that runs it, when one offers what it needs.
+    #[serde(default, deserialize_with = "name_if_any")]
     pub host: Option<String>,
     /// Whether it can run.
     pub feasible: bool,
@@ -40,6 +51,38 @@ pub struct PlannedScenario {
     /// The workload's settings, the axes' sweeps applied.
     #[serde(deserialize_with = "recorded")]
     pub settings: Settings,
+}
+
+impl PlanRecord {
+    /// More scenarios no matrix has.
+    pub const MOST_SCENARIOS: usize = 1000;
+    /// More windows no matrix has, of all scenarios.
+    pub const MOST_WINDOWS: u64 = 200_000;
+
+    /// Looks whether it is one that could have been planned: it comes from a run directory.
+    ///
+    /// # Errors
+    /// What is not.
+    pub fn check(&self) -> Result<(), Impossible> {
+        let wrong = |field, value: String| Err(Impossible { field, value });
+        if self.scenarios.len() > Self::MOST_SCENARIOS {
+            return wrong("scenarios", format!("a list of {}", self.scenarios.len()));
+        }
+        let windows: u64 = self
+            .scenarios
+            .iter()
+            .map(|it| u64::from(it.settings.windows))
+            .sum();
+        if windows > Self::MOST_WINDOWS {
+            return wrong("windows", format!("{windows} in all"));
+        }
+        let twice = |field, of: fn(&PlannedScenario) -> &String| {
+            let mut seen = BTreeSet::new();
+            let again = self.scenarios.iter().map(of).find(|name| !seen.insert(*name));
+            again.map_or(Ok(()), |name| wrong(field, format!("`{name}` twice")))
+        };
+        twice("id", |it| &it.id).and_then(|()| twice("slug", |it| &it.slug))
+    }
 }
 
 impl PlannedScenario {

@@ -1,10 +1,11 @@
 //! `plant.csv` of one window: where the ball truly was, and when. The main type is [`PlantTrace`].
 
-use std::{io::Read, path::Path};
+use std::io::Read;
 
 use workload::record::window::FileRecord;
 
 use super::{
+    Place,
     lines::Lines,
     log::{Fault, Header, LogError, read_log},
 };
@@ -27,8 +28,8 @@ impl PlantTrace {
     ///
     /// # Errors
     /// When it cannot be read, has no tick or has a field that is wrong.
-    pub fn read(path: &Path, file: &FileRecord) -> Result<Self, LogError> {
-        read_log(path, file, |log| parse(log))
+    pub fn read(place: &Place, file: &FileRecord) -> Result<Self, LogError> {
+        read_log(place, file, |log| parse(log))
     }
 
     /// Its positions, to be asked for in the order of time.

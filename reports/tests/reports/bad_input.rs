@@ -2,11 +2,11 @@
 
 use std::{error::Error, fs, path::Path};
 
-use reports::{ReadError, Run};
+use reports::{ReadError, Run, analyse, run::WindowState, run_directory::Event, traffic::Traffic};
 use rstest::rstest;
-use workload::record::window::Verdict;
+use workload::record::{progress::Progress, window::Verdict};
 
-use crate::synthetic::{Scenario, Synthetic};
+use crate::synthetic::{Scenario, Synthetic, journal};
 
 const SLUG: &str = "i686-ubuntu-native";
 
@@ -93,12 +93,25 @@ fn a_future_format_is_said_before_anything_else_that_changed(#[case] file: &str)
     assert!(hint.contains("version of matrix"), "{hint}");
 }
 
+#[test]
+fn an_environment_that_cannot_be_read_is_a_remark_and_costs_no_window() {
+    let synthetic = one_scenario();
+    fs::write(synthetic.directory.environment(SLUG).path(), "\u{0}").unwrap();
+    let run = load(&synthetic).unwrap();
+    assert_eq!(run.scenarios[0].counted().count(), 4);
+    let [remark] = run.remarks.as_slice() else {
+        panic!("{:?}", run.remarks)
+    };
+    assert!(
+        remark.starts_with("The platform of a is not known: ") && remark.contains("line 1"),
+        "{remark}"
+    );
+}
+
 #[rstest]
 #[case("manifest.json", "")]
 #[case("manifest.json", "{\"format\":1,\"run\":\"x")]
 #[case("plan.json", "[]")]
-#[case("scenarios/i686-ubuntu-native/window-2/window.json", "{\"format\":1}")]
-#[case("scenarios/i686-ubuntu-native/environment.json", "\u{0}")]
 fn a_damaged_file_is_named_with_the_place(#[case] file: &str, #[case] damaged: &str) {
     let synthetic = one_scenario();
     fs::write(synthetic.directory.path().join(file), damaged).unwrap();
@@ -143,48 +156,114 @@ type Edit = fn(String) -> String;
 #[case::twice(|log: String| with_field(&log, 100, 0, "397"), "line 100 is step 397, and step 398 was to follow")]
 #[case::column(|log: String| log.replace("x_m,x_rate", "wide,x_rate"), "column `x_m` is missing in the first line")]
 #[case::empty(|_: String| String::new(), "column `step` is missing in the first line")]
-fn a_log_that_cannot_be_used_is_named_with_its_line(#[case] edit: Edit, #[case] message: &str) {
+fn a_window_whose_log_cannot_be_used_does_not_count_and_its_line_is_named(
+    #[case] edit: Edit,
+    #[case] message: &str,
+) {
     let synthetic = one_scenario();
-    // As if it had been measured so: the checksum fits.
+    // As if it had been measured so, or written so by its host: the checksum fits.
     synthetic.edit_log(SLUG, 2, true, edit);
-    let (text, hint) = complaint(&synthetic, load(&synthetic));
     assert_eq!(
-        text,
-        format!("scenarios/{SLUG}/window-2/control.csv cannot be used: {message}")
+        reason_of_the_second(&load(&synthetic).unwrap()),
+        format!(
+            "control.csv cannot be used: {message}; the file is as the workload wrote it, so the measurement itself is at fault"
+        )
     );
-    assert!(hint.contains("the measurement itself is at fault"), "{hint}");
-    // Changed afterwards: the same place, and another thing to do.
+    // Changed afterwards: the same place, and another cause.
     let synthetic = one_scenario();
     synthetic.edit_log(SLUG, 2, false, edit);
-    let (text, hint) = complaint(&synthetic, load(&synthetic));
-    assert!(text.ends_with(message), "{text}");
-    assert!(hint.contains("restore it from a copy"), "{hint}");
+    assert_eq!(
+        reason_of_the_second(&load(&synthetic).unwrap()),
+        format!(
+            "control.csv cannot be used: {message}; the file was changed after it was measured, since its SHA-256 is not \
+             that of window.json"
+        )
+    );
+}
+
+/// Why the second window of four does not count; the others do.
+fn reason_of_the_second(run: &Run) -> String {
+    let counted: Vec<u32> = run.scenarios[0].counted().map(|(number, ..)| number).collect();
+    assert_eq!(counted, [1, 3, 4]);
+    let WindowState::Broken { reason } = &run.scenarios[0].windows[1].state else {
+        unreachable!("the second window counts")
+    };
+    reason.clone()
+}
+
+#[rstest]
+#[case::no_record("{\"format\":1}", "window.json cannot be understood: missing field `window`")]
+#[case::nothing("", "window.json cannot be understood: EOF")]
+fn a_window_whose_record_cannot_be_understood_does_not_count(#[case] damaged: &str, #[case] words: &str) {
+    let synthetic = one_scenario();
+    let record = synthetic.directory.window(SLUG, 2).path().join("window.json");
+    fs::write(record, damaged).unwrap();
+    let reason = reason_of_the_second(&load(&synthetic).unwrap());
+    assert!(reason.starts_with(words), "{reason}");
+}
+
+#[test]
+fn the_report_says_why_a_window_with_a_damaged_log_does_not_count() {
+    let synthetic = one_scenario();
+    synthetic.edit_log(SLUG, 2, true, |log| with_field(&log, 17, 9, "NaN"));
+    let run = load(&synthetic).unwrap();
+    let report = analyse(&run, Traffic::default(), &run.manifest.report);
+    let markdown = report.markdown().replace('\n', " ");
+    assert!(
+        markdown.contains("window 2 broken, not counted: control.csv cannot be used: line 17 has"),
+        "{markdown}"
+    );
 }
 
 #[test]
 fn a_log_that_was_changed_with_care_is_found_out_by_its_checksum() {
     let synthetic = one_scenario();
-    synthetic.edit_log(SLUG, 3, false, |log| log.replacen("0.0,0.0", "0.0,0.1", 1));
-    let (text, _) = complaint(&synthetic, load(&synthetic));
+    synthetic.edit_log(SLUG, 2, false, |log| log.replacen("0.0,0.0", "0.0,0.1", 1));
+    let reason = reason_of_the_second(&load(&synthetic).unwrap());
     assert!(
-        text.contains(
-            "window-3/control.csv cannot be used: it is not the file that was measured: its SHA-256"
-        ),
-        "{text}"
+        reason.starts_with("control.csv cannot be used: it is not the file that was measured: its SHA-256"),
+        "{reason}"
     );
 }
 
 #[test]
-fn moving_the_folder_of_a_bad_window_away_makes_the_run_readable() {
+fn why_a_window_is_not_there_is_what_the_journal_says_of_it() {
     let synthetic = one_scenario();
-    synthetic.edit_log(SLUG, 2, false, |_| "NaN".to_owned());
-    load(&synthetic).unwrap_err();
-    fs::rename(
-        synthetic.directory.window(SLUG, 2),
-        synthetic.directory.path().join("aside"),
-    )
-    .unwrap();
-    assert_eq!(load(&synthetic).unwrap().scenarios[0].counted().count(), 3);
+    let complete = |window| Event::Workload {
+        scenario: SLUG.to_owned(),
+        progress: Progress::WindowComplete {
+            window,
+            verdict: Verdict::Valid,
+        },
+    };
+    let collected = |window| Event::WindowCollected {
+        scenario: SLUG.to_owned(),
+        environment: "e-1".to_owned(),
+        window,
+        verdict: Verdict::Valid,
+        sha256: None,
+    };
+    let mut events = journal(&[Scenario::measured(SLUG, &[0.1])]);
+    events.extend([complete(2), complete(3), collected(3)]);
+    synthetic.write_journal(&events);
+    for window in 2..=4 {
+        fs::remove_dir_all(synthetic.directory.window(SLUG, window).path()).unwrap();
+    }
+    let run = load(&synthetic).unwrap();
+    let report = analyse(&run, Traffic::default(), &run.manifest.report);
+    let reasons = report.scenarios[0]
+        .windows
+        .iter()
+        .map(|window| window.reasons.join(";"));
+    assert_eq!(
+        Vec::from_iter(reasons),
+        [
+            "",
+            "it was measured, and has not been collected",
+            "it was collected, and is not there any more",
+            "it was not measured",
+        ]
+    );
 }
 
 #[test]
@@ -214,7 +293,7 @@ fn the_log_of_an_invalid_window_is_not_even_read() {
 #[test]
 fn garbage_in_the_midst_of_the_journal_is_an_error() {
     let synthetic = one_scenario();
-    let path = synthetic.directory.journal();
+    let path = synthetic.directory.journal().path();
     let journal = fs::read_to_string(&path).unwrap();
     fs::write(
         &path,

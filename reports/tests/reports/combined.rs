@@ -6,6 +6,7 @@ use reports::{
     Run, analyse,
     combination::{Misfit, Misfits, Repeated, combine},
     load,
+    run_directory::Place,
     traffic::Traffic,
 };
 use serde_json::{Value, json};
@@ -23,7 +24,7 @@ fn edit(path: &Path, edit: impl FnOnce(&mut Value)) {
 
 fn named(run: &str, scenarios: &[Scenario]) -> Synthetic {
     let synthetic = Synthetic::new(scenarios);
-    edit(&synthetic.directory.manifest(), |manifest| {
+    edit(&synthetic.directory.manifest().path(), |manifest| {
         manifest["run"] = json!(run)
     });
     synthetic
@@ -147,7 +148,7 @@ fn a_combined_report_is_as_one_of_a_single_run() {
 #[test]
 fn settings_that_differ_are_refused_with_the_runs_and_the_fields() {
     let (found, hint) = misfits(|second| {
-        edit(&second.directory.plan(), |plan| {
+        edit(&second.directory.plan().path(), |plan| {
             plan["scenarios"][0]["settings"]["network"]["delay"] = json!("20ms");
             plan["scenarios"][0]["settings"]["control"]["phase"] = json!("1ms");
         });
@@ -169,7 +170,7 @@ fn what_an_axis_sweeps_is_no_other_experiment() {
     ];
     let runs = sweeps.map(|(run, slug, delay)| {
         let synthetic = one(run, slug);
-        edit(&synthetic.directory.plan(), |plan| {
+        edit(&synthetic.directory.plan().path(), |plan| {
             plan["scenarios"][0]["settings"]["network"]["delay"] = json!(delay);
             plan["scenarios"][0]["axes"]["network.delay"] = json!(delay);
         });
@@ -192,7 +193,7 @@ fn what_follows_from_swept_dynamics_is_no_other_experiment() {
     ];
     let runs = sweeps.map(|(run, slug, dynamics)| {
         let synthetic = one(run, slug);
-        edit(&synthetic.directory.plan(), |plan| {
+        edit(&synthetic.directory.plan().path(), |plan| {
             plan["scenarios"][0]["settings"]["ros"]["tcp_nodelay"] = json!(dynamics == "robust");
             plan["scenarios"][0]["axes"]["dynamics"] = json!(dynamics);
         });
@@ -204,7 +205,7 @@ fn what_follows_from_swept_dynamics_is_no_other_experiment() {
 #[test]
 fn other_declarations_are_refused_until_the_call_says_which_is_meant() {
     let (found, hint) = misfits(|second| {
-        edit(&second.directory.manifest(), |manifest| {
+        edit(&second.directory.manifest().path(), |manifest| {
             manifest["report"]["alpha"] = json!(0.01)
         });
     });
@@ -223,7 +224,7 @@ fn other_declarations_are_refused_until_the_call_says_which_is_meant() {
 #[test]
 fn other_axes_are_refused() {
     let (found, _) = misfits(|second| {
-        edit(&second.directory.plan(), |plan| {
+        edit(&second.directory.plan().path(), |plan| {
             plan["scenarios"][0]["axes"]["room"] = json!("cold")
         });
     });
@@ -291,7 +292,7 @@ fn a_letter_that_means_another_scenario_elsewhere_cannot_be_declared() {
         one("second", "i7-ubuntu-native"),
     ];
     for run in &runs {
-        edit(&run.directory.manifest(), |manifest| {
+        edit(&run.directory.manifest().path(), |manifest| {
             manifest["report"]["family"] = json!([["a", "i7-ubuntu-native"]]);
         });
     }
@@ -303,7 +304,6 @@ fn a_letter_that_means_another_scenario_elsewhere_cannot_be_declared() {
     assert!(misfits.hint().unwrap().contains("slugs"));
 }
 
-#[cfg(feature = "columns")]
 #[test]
 fn a_combined_report_goes_where_it_is_told_and_leaves_the_runs_alone() {
     let runs = [
@@ -312,7 +312,7 @@ fn a_combined_report_goes_where_it_is_told_and_leaves_the_runs_alone() {
     ];
     let folder = tempfile::tempdir().unwrap();
     let run = Run {
-        report_folder: folder.path().join("both"),
+        report_folder: Place::root(folder.path().join("both")),
         ..together(&[&runs[0], &runs[1]], Repeated::Refused).unwrap()
     };
     let report = analyse(&run, Traffic::default(), &run.manifest.report);
@@ -322,6 +322,6 @@ fn a_combined_report_goes_where_it_is_told_and_leaves_the_runs_alone() {
     assert_eq!(written["run"], "first + second");
     assert_eq!(written["runs"][1]["scenarios"], json!(["b"]));
     for run in &runs {
-        assert!(!run.directory.report().exists());
+        assert!(!run.directory.report().path().exists());
     }
 }

@@ -9,6 +9,7 @@
 mod bad_input;
 mod combined;
 mod fixture;
+mod hostile;
 mod page;
 mod recorded;
 mod redacted;

@@ -15,6 +15,8 @@ use reports::{
     run_directory::RunDirectory,
     traffic::{self, Traffic, WindowTraffic},
 };
+use serde_json::Value;
+use sha2::{Digest, Sha256};
 use tempfile::TempDir;
 
 /// Its text files; Parquet has the numbers of the CSV files, and PDF the drawings of the SVG files.
@@ -80,11 +82,14 @@ fn every_table_and_figure_is_the_stored_one() {
     let report = analyse(&run, traffic::read(&run), &run.manifest.report);
     reports::write(&run, &report).unwrap();
     let mut names = Vec::new();
-    for folder in [directory.report(), directory.report().join("figures")] {
+    for folder in [
+        directory.report().path(),
+        directory.report().path().join("figures"),
+    ] {
         for entry in fs::read_dir(folder).unwrap() {
             let path = entry.unwrap().path();
             let name = path
-                .strip_prefix(directory.report())
+                .strip_prefix(directory.report().path())
                 .unwrap()
                 .display()
                 .to_string();
@@ -164,7 +169,7 @@ fn the_packets_are_those_that_tshark_sees() {
         for ((number, record, _), traffic) in scenario.counted().zip(&of_it.windows) {
             // The files of the first window begin before it does, and packets cross from one into the next.
             let [began_s, ended_s] = [record.started_unix_ns, record.ended_unix_ns].map(|ns| ns as f64 / 1e9);
-            let folder = directory.window(&scenario.planned.slug, number);
+            let folder = directory.window(&scenario.planned.slug, number).path();
             for topic in Topic::ALL {
                 let [sent, arrived] = [topic.sender(), topic.receiver()]
                     .map(|host| seen_by_tshark(&folder.join(format!("{host}.pcap.zst"))));
@@ -248,17 +253,27 @@ fn a_night_has_the_delays_of_its_packets() {
 #[test]
 fn a_run_is_read_once_and_again_when_a_file_of_it_is_another() {
     let (_folder, directory) = copy();
-    let kept = directory.report().join("night.json");
+    let kept = directory.report().path().join("night.json");
     let run = reports::load(directory.path()).unwrap();
     let read = Night::of(&run, &traffic::read(&run)).unwrap();
     assert_eq!(night_of(directory.path()).unwrap(), read);
     assert!(kept.exists());
 
     // To tell the one that was kept from the one that was read: another name for the run.
-    let renamed = fs::read_to_string(&kept).unwrap().replace(&read.run, "kept");
+    let whole = fs::read_to_string(&kept).unwrap();
+    let mut renamed: Value = serde_json::from_str(&whole).unwrap();
+    renamed["night"]["run"] = "kept".into();
+    let night = serde_json::to_string(&renamed["night"]).unwrap();
+    renamed["sha256"] = format!("{:x}", Sha256::digest(night)).into();
+    let renamed = renamed.to_string();
     fs::write(&kept, &renamed).unwrap();
     assert_eq!(night_of(directory.path()).unwrap().run, "kept");
-    for not_true in ["", "{}", &renamed.replacen("\"format\":2", "\"format\":0", 1)] {
+    for not_true in [
+        "",
+        "{}",
+        &renamed.replacen("\"format\":3", "\"format\":0", 1),
+        &whole.replace(&read.run, "changed"),
+    ] {
         fs::write(&kept, not_true).unwrap();
         assert_eq!(night_of(directory.path()).unwrap(), read, "{not_true}");
     }
@@ -266,7 +281,8 @@ fn a_run_is_read_once_and_again_when_a_file_of_it_is_another() {
     fs::write(&kept, &renamed).unwrap();
     let capture = directory
         .window("x86-64-debian-12-native", 2)
-        .join("sta1.pcap.zst");
+        .join("sta1.pcap.zst")
+        .path();
     let bytes = fs::read(&capture).unwrap();
     fs::write(&capture, &bytes[..bytes.len() / 2]).unwrap();
     let shorter = night_of(directory.path()).unwrap();
@@ -280,7 +296,7 @@ fn a_run_is_read_once_and_again_when_a_file_of_it_is_another() {
 fn a_night_that_cannot_be_kept_is_read_all_the_same() {
     let (_folder, directory) = copy();
     // A file where the folder would be.
-    fs::write(directory.report(), "").unwrap();
+    fs::write(directory.report().path(), "").unwrap();
     assert_eq!(
         night_of(directory.path()).unwrap().run,
         night_of(directory.path()).unwrap().run
@@ -292,7 +308,7 @@ fn a_night_that_cannot_be_kept_is_read_all_the_same() {
 fn a_truncated_capture_takes_its_window_out_and_no_other() {
     let (_folder, directory) = copy();
     let slug = "x86-64-debian-12-native";
-    let capture = directory.window(slug, 2).join("sta1.pcap.zst");
+    let capture = directory.window(slug, 2).path().join("sta1.pcap.zst");
     let bytes = fs::read(&capture).unwrap();
     fs::write(&capture, &bytes[..bytes.len() / 2]).unwrap();
     let run = reports::load(directory.path()).unwrap();
@@ -326,7 +342,8 @@ fn packets_are_the_same_whether_or_not_a_window_before_can_be_read() {
     let whole = traffic_of(&directory);
     let capture = directory
         .window("x86-64-debian-12-native", 1)
-        .join("sta2.pcap.zst");
+        .join("sta2.pcap.zst")
+        .path();
     fs::remove_file(&capture).unwrap();
     let without = traffic_of(&directory);
     assert_eq!(without.scenarios["b"], whole.scenarios["b"]);

@@ -5,8 +5,8 @@ use std::{fs, path::PathBuf};
 
 use reports::{
     run_directory::{
-        EnvironmentRecord, Event, FORMAT, JournalEntry, Manifest, Outcome, PlanRecord, PlannedScenario,
-        RunDirectory,
+        Chain, EnvironmentRecord, Event, FORMAT, JournalEntry, Manifest, Outcome, PlanRecord,
+        PlannedScenario, RunDirectory,
     },
     settings::ReportSettings,
 };
@@ -88,8 +88,8 @@ impl Synthetic {
             directory,
             _folder: folder,
         };
-        synthetic.write_json(synthetic.directory.manifest(), &manifest());
-        synthetic.write_json(synthetic.directory.plan(), &plan(scenarios));
+        synthetic.write_json(synthetic.directory.manifest().path(), &manifest());
+        synthetic.write_json(synthetic.directory.plan().path(), &plan(scenarios));
         synthetic.write_journal(&journal(scenarios));
         for scenario in scenarios {
             synthetic.write_scenario(scenario);
@@ -116,11 +116,11 @@ impl Synthetic {
             facts: Map::new(),
             platform: None,
         };
-        self.write_json(self.directory.environment(scenario.slug), &environment);
+        self.write_json(self.directory.environment(scenario.slug).path(), &environment);
     }
 
     pub fn write_window(&self, slug: &str, window: u32, log: &str) {
-        let folder = self.directory.window(slug, window);
+        let folder = self.directory.window(slug, window).path();
         fs::create_dir_all(&folder).unwrap();
         fs::write(folder.join("control.csv"), log).unwrap();
         self.write_json(folder.join("window.json"), &window_record(slug, window, log));
@@ -128,7 +128,7 @@ impl Synthetic {
 
     /// Changes a window's record.
     pub fn edit_window(&self, slug: &str, window: u32, edit: impl FnOnce(&mut WindowRecord)) {
-        let path = self.directory.window(slug, window).join("window.json");
+        let path = self.directory.window(slug, window).path().join("window.json");
         let mut record = serde_json::from_slice(&fs::read(&path).unwrap()).unwrap();
         edit(&mut record);
         self.write_json(path, &record);
@@ -136,7 +136,7 @@ impl Synthetic {
 
     /// Changes a window's log, and with it the checksum if the change is to look as if it had been measured so.
     pub fn edit_log(&self, slug: &str, window: u32, as_measured: bool, edit: impl FnOnce(String) -> String) {
-        let path = self.directory.window(slug, window).join("control.csv");
+        let path = self.directory.window(slug, window).path().join("control.csv");
         let log = edit(fs::read_to_string(&path).unwrap());
         fs::write(&path, &log).unwrap();
         if as_measured {
@@ -149,16 +149,17 @@ impl Synthetic {
     }
 
     pub fn write_journal(&self, events: &[Event]) {
+        let mut chain = Chain::default();
         let line = |event: &Event| {
             let entry = JournalEntry {
                 at: "2026-11-21T04:00:00.000Z".to_owned(),
                 event: event.clone(),
             };
-            format!("{}\n", serde_json::to_string(&entry).unwrap())
+            chain.line(&entry).unwrap()
         };
         fs::write(
-            self.directory.journal(),
-            events.iter().map(line).collect::<String>(),
+            self.directory.journal().path(),
+            events.iter().flat_map(line).collect::<Vec<u8>>(),
         )
         .unwrap();
     }
@@ -185,12 +186,13 @@ fn manifest() -> Manifest {
         workload_sha256: String::new(),
         matrix_file: "matrix.yaml".to_owned(),
         matrix_text: "matrix: {}\n".to_owned(),
-        matrix_sha256: String::new(),
+        matrix_sha256: sha256("matrix: {}\n"),
         profile: None,
         order: "randomised".to_owned(),
         seed: 1,
         providers: json!({}),
         report: ReportSettings::default(),
+        state_directory: None,
         redacted: false,
     }
 }
@@ -236,6 +238,8 @@ pub fn journal(scenarios: &[Scenario]) -> Vec<Event> {
     let mut events = vec![Event::RunStarted {
         pid: 1,
         resumed: false,
+        manifest_sha256: None,
+        plan_sha256: None,
     }];
     for scenario in scenarios
         .iter()
@@ -313,16 +317,16 @@ fn row(step: u64, error_m: f64) -> ControlRow {
 }
 
 pub fn file_record(log: &str) -> FileRecord {
-    let sha256 = Sha256::digest(log)
-        .iter()
-        .map(|byte| format!("{byte:02x}"))
-        .collect();
     FileRecord {
         name: "control.csv".to_owned(),
         bytes: log.len() as u64,
-        sha256,
+        sha256: sha256(log),
         measured: None,
     }
+}
+
+pub fn sha256(text: &str) -> String {
+    format!("{:x}", Sha256::digest(text))
 }
 
 fn window_record(slug: &str, window: u32, log: &str) -> WindowRecord {

@@ -427,7 +427,7 @@ fn invalid_and_broken_windows_are_listed_and_never_counted() {
         record.verdict = Verdict::Suspect;
         record.reasons = vec!["the wall clock jumped by 2 s".to_owned()];
     });
-    std::fs::remove_file(synthetic.directory.window(b, 3).join("window.json")).unwrap();
+    std::fs::remove_file(synthetic.directory.window(b, 3).path().join("window.json")).unwrap();
     let report = report_of(&synthetic);
     assert_eq!(
         report.tally("b", "b").map(|tally| tally.pairs),
@@ -499,7 +499,7 @@ fn what_the_fake_provider_made_up_is_said_first() {
 #[test]
 fn what_the_operating_system_refused_the_loops_is_said() {
     let synthetic = Synthetic::new(&[Scenario::measured("x86-debian-native", &[0.1, 0.1])]);
-    let path = synthetic.directory.environment("x86-debian-native");
+    let path = synthetic.directory.environment("x86-debian-native").path();
     let mut record: Value = serde_json::from_slice(&std::fs::read(&path).unwrap()).unwrap();
     record["platform"] = json!({"of a": "later version", "realtime": {
         "priority_asked": 80, "priority_granted": 0, "priority_refusal": "EPERM: Operation not permitted",
@@ -549,7 +549,7 @@ fn without_a_control_the_tables_say_what_is_missing() {
 fn a_journal_that_a_crash_cut_still_gives_a_report_with_a_remark() {
     let scenarios = nine();
     let synthetic = Synthetic::new(&scenarios);
-    let path = synthetic.directory.journal();
+    let path = synthetic.directory.journal().path();
     let journal = std::fs::read_to_string(&path).unwrap();
     std::fs::write(&path, &journal[..journal.len() - 10]).unwrap();
     let report = report_of(&synthetic);
@@ -573,6 +573,8 @@ fn the_last_word_of_the_journal_on_a_scenario_counts() {
     events.push(Event::RunStarted {
         pid: 2,
         resumed: true,
+        manifest_sha256: None,
+        plan_sha256: None,
     });
     events.push(Event::ScenarioStarted {
         scenario: scenario.clone(),
@@ -623,7 +625,7 @@ fn how_late_the_emulator_let_packets_go_is_a_table_of_the_worst_window_that_coun
 /// The report, on one line, of a run where the workload saw that of one platform.
 fn told_of(platform: Value) -> String {
     let synthetic = Synthetic::new(&nine());
-    let path = synthetic.directory.environment("i686-ubuntu-native");
+    let path = synthetic.directory.environment("i686-ubuntu-native").path();
     let mut record: EnvironmentRecord = serde_json::from_slice(&std::fs::read(&path).unwrap()).unwrap();
     record.platform = Some(platform);
     std::fs::write(&path, serde_json::to_vec(&record).unwrap()).unwrap();
@@ -670,10 +672,10 @@ fn with_another_network(family: Value) -> Report {
         edit(&mut value);
         synthetic.write_json(path, &value);
     };
-    edit(synthetic.directory.plan(), &|plan| {
+    edit(synthetic.directory.plan().path(), &|plan| {
         plan["scenarios"][2]["settings"]["network"]["delay"] = json!("20ms");
     });
-    edit(synthetic.directory.manifest(), &|manifest| {
+    edit(synthetic.directory.manifest().path(), &|manifest| {
         manifest["report"]["family"] = family.clone();
     });
     report_of(&synthetic)

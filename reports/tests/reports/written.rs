@@ -117,9 +117,9 @@ fn a_report_is_written_whole_and_nothing_else_is_touched() {
 fn the_same_run_gives_the_same_report_byte_for_byte() {
     let synthetic = two_scenarios();
     write(&synthetic, &ReportSettings::default());
-    let first = tree(&synthetic.directory.report());
+    let first = tree(&synthetic.directory.report().path());
     write(&synthetic, &ReportSettings::default());
-    let second = tree(&synthetic.directory.report());
+    let second = tree(&synthetic.directory.report().path());
     // By name first: a difference in bytes is hard to read.
     for (name, bytes) in &first {
         assert!(second.get(name) == Some(bytes), "{name}");
@@ -131,9 +131,9 @@ fn the_same_run_gives_the_same_report_byte_for_byte() {
 fn figures_and_tables_of_an_earlier_report_are_removed_and_other_files_are_not() {
     let synthetic = two_scenarios();
     write(&synthetic, &ReportSettings::default());
-    let figures = synthetic.directory.report().join("figures");
+    let figures = synthetic.directory.report().path().join("figures");
     fs::write(figures.join("mine.svg"), "mine").unwrap();
-    let tables = synthetic.directory.report().join("tables");
+    let tables = synthetic.directory.report().path().join("tables");
     fs::write(tables.join("mine.tex"), "\\section{Mine}").unwrap();
     fs::rename(
         tables.join("within-the-windows.tex"),
@@ -200,7 +200,7 @@ fn figures_and_tables_of_an_earlier_report_are_removed_and_other_files_are_not()
 fn the_csv_has_a_line_for_each_comparison_and_for_each_period() {
     let synthetic = two_scenarios();
     write(&synthetic, &ReportSettings::default());
-    let read = |name| fs::read_to_string(synthetic.directory.report().join(name)).unwrap();
+    let read = |name| fs::read_to_string(synthetic.directory.report().path().join(name)).unwrap();
     let comparisons = read("comparisons.csv");
     assert_eq!(
         comparisons.lines().count(),
@@ -232,11 +232,11 @@ fn the_csv_has_a_line_for_each_comparison_and_for_each_period() {
 fn the_parquet_reads_back_as_it_was_written() {
     let synthetic = two_scenarios();
     write(&synthetic, &ReportSettings::default());
-    let file = fs::File::open(synthetic.directory.report().join("comparisons.parquet")).unwrap();
+    let file = fs::File::open(synthetic.directory.report().path().join("comparisons.parquet")).unwrap();
     let frame = ParquetReader::new(file).finish().unwrap();
     assert_eq!(frame.shape(), (28, 32));
     let rejected = frame.column("rejected").unwrap().bool().unwrap().sum();
-    let csv = fs::read_to_string(synthetic.directory.report().join("comparisons.csv")).unwrap();
+    let csv = fs::read_to_string(synthetic.directory.report().path().join("comparisons.csv")).unwrap();
     assert_eq!(
         rejected,
         Some(
@@ -251,7 +251,7 @@ fn the_parquet_reads_back_as_it_was_written() {
 fn figures_and_their_captions_say_what_is_to_be_seen() {
     let synthetic = two_scenarios();
     write(&synthetic, &ReportSettings::default());
-    let folder = synthetic.directory.report().join("figures");
+    let folder = synthetic.directory.report().path().join("figures");
     for (name, expected) in [
         (
             "cdf-a-b.svg",
@@ -352,7 +352,11 @@ fn without_names_the_papers_kinds_of_pairs_are_drawn_and_no_more_than_twelve() {
 #[test]
 fn a_report_that_cannot_be_written_says_where() {
     let synthetic = two_scenarios();
-    fs::write(synthetic.directory.report(), "a file where the folder belongs").unwrap();
+    fs::write(
+        synthetic.directory.report().path(),
+        "a file where the folder belongs",
+    )
+    .unwrap();
     let run = reports::load(synthetic.directory.path()).unwrap();
     let error = reports::write(&run, &analyse(&run, Traffic::default(), &run.manifest.report)).unwrap_err();
     assert!(
@@ -365,7 +369,7 @@ fn a_report_that_cannot_be_written_says_where() {
 fn a_run_without_any_window_still_has_a_report() {
     let synthetic = Synthetic::new(&[Scenario::infeasible("x86-debian-virtualbox", "no VBoxManage")]);
     write(&synthetic, &ReportSettings::default());
-    let csv = fs::read_to_string(synthetic.directory.report().join("comparisons.csv")).unwrap();
+    let csv = fs::read_to_string(synthetic.directory.report().path().join("comparisons.csv")).unwrap();
     assert_eq!(csv.lines().count(), 1);
 }
 
@@ -397,7 +401,7 @@ fn fields(value: &serde_json::Value, found: &mut std::collections::BTreeSet<Stri
 fn the_docs_name_each_column_and_field_that_is_written_and_no_other_column() {
     let synthetic = two_scenarios();
     write(&synthetic, &ReportSettings::default());
-    let folder = synthetic.directory.report();
+    let folder = synthetic.directory.report().path();
     let mut files = 0;
     for name in tree(&folder).into_keys() {
         let Some(section) = name.strip_suffix(".csv") else {

@@ -20,7 +20,10 @@ use rustix::fs::{Mode, OFlags};
 use serde::{Serialize, de::DeserializeOwned};
 
 use super::DetachedError;
-use crate::record::detached::{Ended, Owner};
+use crate::record::{
+    detached::{Ended, Owner},
+    name::is_name,
+};
 
 /// The folder. It only knows names; whether it is there is another question.
 #[derive(Debug, Clone, PartialEq, Eq)]
@@ -29,8 +32,6 @@ pub struct EnvironmentFolder {
     environment: String,
 }
 
-/// The system's bound is 255 bytes.
-const LONGEST_NAME: usize = 230;
 /// Our own records are a few hundred bytes.
 const LONGEST_RECORD: u64 = 1 << 20;
 
@@ -41,7 +42,7 @@ impl EnvironmentFolder {
     /// When that is not a safe name, or the root is not absolute.
     pub fn of(root: &Path, environment: &str) -> Result<Self, DetachedError> {
         look_absolute(root)?;
-        if !is_safe(environment) {
+        if !is_name(environment) {
             return Err(DetachedError::Name {
                 name: environment.to_owned(),
             });
@@ -68,7 +69,7 @@ impl EnvironmentFolder {
             let entry = entry.map_err(DetachedError::file("read", root))?;
             let name = entry.file_name();
             let is_folder = entry.file_type().is_ok_and(|kind| kind.is_dir());
-            if let Some(name) = name.to_str().filter(|name| is_folder && is_safe(name)) {
+            if let Some(name) = name.to_str().filter(|name| is_folder && is_name(name)) {
                 all.push(Self::of(root, name)?);
             }
         }
@@ -220,17 +221,6 @@ fn look_absolute(root: &Path) -> Result<(), DetachedError> {
             root: root.to_owned(),
         }),
     }
-}
-
-/// Whether a name is one component of a path, one word in a shell, and no option.
-fn is_safe(name: &str) -> bool {
-    let plain = |byte: u8| byte.is_ascii_alphanumeric() || b"._-".contains(&byte);
-    name.len() <= LONGEST_NAME
-        && name
-            .bytes()
-            .next()
-            .is_some_and(|first| first.is_ascii_alphanumeric())
-        && name.bytes().all(plain)
 }
 
 /// Opens a regular file for reading, not through a link: that could have been put there since.

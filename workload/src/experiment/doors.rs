@@ -27,7 +27,7 @@ impl Doors {
     /// If a host cannot be entered or a thread not be had.
     pub fn open(network: &dyn Network) -> Result<Self, ExperimentError> {
         let held = VirtualHost::ALL.map(|host| {
-            on_host(network, host, || {
+            on_host(network, host, move || {
                 let (held, waits) = channel::<()>();
                 let door = thread::Builder::new()
                     .name(door_name(host))

@@ -2,11 +2,17 @@
 
 use std::{io, path::PathBuf};
 
-use crate::{capture::CaptureError, network::NetworkError, ros::RosError, virtual_host::VirtualHost};
+use crate::{
+    capture::CaptureError, descriptors::DescriptorError, network::NetworkError, ros::RosError,
+    virtual_host::VirtualHost,
+};
 
 /// Why the experiment could not go on.
 #[derive(Debug, thiserror::Error)]
 pub enum ExperimentError {
+    /// Too few files may be open.
+    #[error(transparent)]
+    Descriptors(#[from] DescriptorError),
     /// There is no network, or no longer.
     #[error("the virtual hosts' network failed")]
     Network(#[from] NetworkError),
@@ -79,6 +85,7 @@ impl ExperimentError {
     #[must_use]
     pub fn hint(&self) -> Option<String> {
         match self {
+            Self::Descriptors(error) => Some(error.hint()),
             Self::Network(error) => error.hint(),
             Self::Capture(error) => error.hint(),
             Self::Ros(error) => error.hint().map(str::to_owned),
@@ -104,7 +111,8 @@ impl ExperimentError {
     #[must_use]
     pub fn is_of_platform(&self) -> bool {
         match self {
-            Self::Network(_)
+            Self::Descriptors(_)
+            | Self::Network(_)
             | Self::Capture(_)
             | Self::MasterPort { .. }
             | Self::Thread { .. }
@@ -112,7 +120,7 @@ impl ExperimentError {
             | Self::Write { .. } => true,
             Self::Ros(error) => matches!(
                 error,
-                RosError::NoRosmaster { .. } | RosError::RosmasterEnded { .. }
+                RosError::System { .. } | RosError::NoRosmaster { .. } | RosError::RosmasterEnded { .. }
             ),
             Self::Node { platform, .. } => *platform,
             Self::ThreadEnded { .. } | Self::Taken { .. } => false,

@@ -94,19 +94,20 @@ impl Nodes {
             ..
         } = *setting;
         let [h1, sta1, sta2] = VirtualHost::ALL.map(|host| board.of(host));
-        let master = on_host(network, VirtualHost::H1, || {
-            master::start(settings.ros.master, h1)
-        })?;
+        let program = settings.ros.master;
+        let master = on_host(network, VirtualHost::H1, move || master::start(program, h1))?;
         let uri = master::uri();
-        let (plant, controller) = thread::scope(|scope| {
-            let plant = begin_on_host(scope, network, VirtualHost::Sta2, || {
-                Ok(Side::open_plant(settings, &uri, sta2)?)
-            })?;
-            let controller = on_host(network, VirtualHost::Sta1, || {
-                Ok(Side::open_controller(settings, &uri, sta1)?)
-            })?;
-            Ok::<_, ExperimentError>((outcome_of(plant, VirtualHost::Sta2)?, controller))
+        let (of_plant, uri_of_plant) = (settings.clone(), uri.clone());
+        let plant = begin_on_host(network, VirtualHost::Sta2, move || {
+            Ok(Side::open_plant(&of_plant, &uri_of_plant, sta2)?)
         })?;
+        let of_controller = settings.clone();
+        let controller = on_host(network, VirtualHost::Sta1, move || {
+            Ok(Side::open_controller(&of_controller, &uri, sta1)?)
+        });
+        // Waited for in any case.
+        let plant = outcome_of(plant, VirtualHost::Sta2);
+        let (controller, plant) = (controller?, plant?);
         let connected = plant.wait(deadline, stop)? && controller.wait(deadline, stop)?;
         if connected {
             let pair = Pair::Threads { plant, controller };
@@ -200,7 +201,7 @@ fn start_master(
         }
         RosMaster::Rosmaster => {
             let notices = setting.board.of(VirtualHost::H1);
-            on_host(setting.network, VirtualHost::H1, || {
+            on_host(setting.network, VirtualHost::H1, move || {
                 master::start(RosMaster::Rosmaster, notices)
             })
             .map(Some)
@@ -216,8 +217,9 @@ fn start(setting: &Setting<'_>, program: Program, rows: Rows) -> Result<NodeProc
         stop: Arc::clone(setting.stop),
         log_dropped: Arc::clone(setting.log_dropped),
     };
-    on_host(setting.network, host, || {
-        NodeProcess::start(program, setting.settings, given)
+    let settings = setting.settings.clone();
+    on_host(setting.network, host, move || {
+        NodeProcess::start(program, &settings, given)
     })
 }
 

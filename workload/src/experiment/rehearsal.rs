@@ -26,6 +26,7 @@ use super::{
     schedule::Schedule,
 };
 use crate::{
+    capabilities::drop_unneeded,
     network,
     realtime::monotonic_ns,
     record::progress::{Part, Progress},
@@ -48,6 +49,7 @@ pub fn rehearse(
     stop: &Arc<AtomicBool>,
 ) -> Result<(), ExperimentError> {
     let network = network::open(&settings.network, emulator_priority(settings))?;
+    drop_unneeded();
     let network = network.as_ref();
     // Nodes of others come at any time: there is no moment from which on all are connected.
     network.impair()?;
@@ -55,9 +57,8 @@ pub fn rehearse(
     reporter.say(&Progress::NetworkUp);
     let mut board = NoticeBoard::new();
     let notices = board.of(VirtualHost::H1);
-    let master = on_host(network, VirtualHost::H1, || {
-        master::start(settings.ros.master, notices)
-    })?;
+    let program = settings.ros.master;
+    let master = on_host(network, VirtualHost::H1, move || master::start(program, notices))?;
     let uri = master::uri();
     let mut tenancies = Vec::new();
     let mut threads = Vec::new();
@@ -94,16 +95,19 @@ fn start(
     notices: Notices,
 ) -> Result<(Tenancy, LoopThread), ExperimentError> {
     let host = part.host();
+    let (given, uri) = (settings.clone(), uri.to_owned());
     match part {
         Part::Plant => {
-            let side = on_host(network, host, || Ok(Side::open_plant(settings, uri, notices)?))?;
+            let side = on_host(network, host, move || {
+                Ok(Side::open_plant(&given, &uri, notices)?)
+            })?;
             let (tenancy, ends) = side.into_parts();
             // Nobody reads what the loop logs: its queue fills, and it goes on.
             Ok((tenancy, LoopThread::plant(settings, ends)?.0))
         }
         Part::Controller => {
-            let side = on_host(network, host, || {
-                Ok(Side::open_controller(settings, uri, notices)?)
+            let side = on_host(network, host, move || {
+                Ok(Side::open_controller(&given, &uri, notices)?)
             })?;
             let (tenancy, ends) = side.into_parts();
             Ok((tenancy, LoopThread::controller(settings, ends)?.0))

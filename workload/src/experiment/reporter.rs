@@ -16,7 +16,7 @@ use std::{
     time::Duration,
 };
 
-use crate::record::progress::Progress;
+use crate::{capabilities::drop_unneeded, record::progress::Progress};
 
 /// Lines that may wait for a slow reader; later ones are dropped from standard output, never from the file.
 const MOST_WAITING: usize = 1024;
@@ -42,6 +42,8 @@ impl Reporter {
         let (ends, ended) = sync_channel(0);
         // Without the thread `lines` is closed and all else goes on.
         let _ = thread::Builder::new().name("reporter".into()).spawn(move || {
+            // It is there before the network.
+            drop_unneeded();
             let mut out = io::stdout();
             for line in waiting {
                 let _ = out.write_all(line.as_bytes()).and_then(|()| out.flush());

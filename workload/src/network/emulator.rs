@@ -32,6 +32,7 @@ use super::{
     release_lateness::{ReleaseCounts, ReleaseLateness},
     star::{Delivery, FRAME_BYTES, Star},
 };
+use crate::capabilities::drop_unneeded;
 use crate::realtime::priority::request_fifo;
 use crate::{record::window::LinkRecord, virtual_host::VirtualHost};
 
@@ -91,6 +92,8 @@ impl Emulator {
         };
         let stopped = stop.clone();
         let thread = thread::Builder::new().name("emulator".into()).spawn(move || {
+            // It was started before the right to make namespaces was given up.
+            drop_unneeded();
             // Neither is an error: what was granted of the real-time wishes is asked and recorded by the experiment.
             let _ = prctl::set_timerslack(1);
             let _ = request_fifo(fifo_priority);

@@ -16,13 +16,16 @@
 pub mod counts;
 pub mod tools;
 
-use std::sync::{Mutex, PoisonError};
+use std::{
+    io,
+    sync::{Mutex, PoisonError},
+};
 
 use nix::net::if_::if_nametoindex;
 
 use self::tools::Transcript;
 use super::{
-    Network, NetworkError,
+    Network, NetworkError, Work,
     device::{self, Interface},
     ipv6,
     namespace::Namespace,
@@ -81,6 +84,10 @@ impl Kernel {
 impl Network for Kernel {
     fn enter(&self, host: VirtualHost) -> Result<(), NetworkError> {
         self.hosts[host.index()].enter()
+    }
+
+    fn give(&self, host: VirtualHost, work: Work) -> io::Result<()> {
+        self.hosts[host.index()].give(work)
     }
 
     fn interface(&self, host: VirtualHost) -> String {
@@ -204,7 +211,7 @@ fn connect(
         .filter(|other| *other != host)
         .map(Interface::of)
         .collect();
-    namespace.within(|| device::configure(&Interface::of(host), &neighbours))?;
+    namespace.within(move || device::configure(&Interface::of(host), &neighbours))?;
     Ok(namespace)
 }
 
@@ -259,11 +266,12 @@ fn port(host: VirtualHost) -> String {
 }
 
 fn silence_ipv6(namespace: &Namespace, interface: &str) -> Result<(), NetworkError> {
-    namespace.within(|| {
-        if_nametoindex(interface)
+    let interface = interface.to_owned();
+    namespace.within(move || {
+        if_nametoindex(interface.as_str())
             .and_then(ipv6::silence)
             .map_err(|source| NetworkError::Interface {
-                interface: interface.to_owned(),
+                interface,
                 action: "silencing IPv6 on it",
                 source,
             })

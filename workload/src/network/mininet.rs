@@ -23,6 +23,7 @@ mod owner;
 mod script;
 
 use std::{
+    io,
     sync::{Mutex, MutexGuard, PoisonError},
     time::Duration,
 };
@@ -30,7 +31,7 @@ use std::{
 pub use self::error::MininetError;
 use self::script::{Datapath, Done, Impair, Request, Script, Transcript, Up};
 use super::{
-    Network, NetworkError,
+    Network, NetworkError, Work,
     kernel::{counts, tools},
     namespace::Namespace,
     random_seed,
@@ -88,6 +89,10 @@ impl Mininet {
 impl Network for Mininet {
     fn enter(&self, host: VirtualHost) -> Result<(), NetworkError> {
         self.hosts[host.index()].enter()
+    }
+
+    fn give(&self, host: VirtualHost, work: Work) -> io::Result<()> {
+        self.hosts[host.index()].give(work)
     }
 
     fn interface(&self, host: VirtualHost) -> String {

@@ -2,27 +2,52 @@
 //! [`Namespace`]. See network_namespaces(7) and user_namespaces(7).
 
 use std::{
+    fmt,
     fs::{self, File},
     io,
-    os::fd::{AsRawFd, OwnedFd},
-    panic, thread,
+    os::fd::OwnedFd,
+    panic,
+    sync::mpsc::{Receiver, Sender, channel},
+    thread::{self, JoinHandle},
 };
 
 use nix::{
     errno::Errno,
     sched::{CloneFlags, setns, unshare},
-    unistd::{getgid, getuid},
+    unistd::{Pid, getgid, gettid, getuid},
 };
 
 use super::NetworkError;
+use crate::capabilities::drop_unneeded;
 
 /// CAP_SYS_ADMIN's place in a capability set (`linux/capability.h`).
 const CAP_SYS_ADMIN: u32 = 21;
 
-/// A network namespace. It is gone with its last thread, socket and handle.
-#[derive(Debug)]
+/// What a namespace's own thread is given to do: starting a thread, which takes no time.
+pub type Work = Box<dyn FnOnce() + Send>;
+
+/// Its own thread does nothing but wait and start others.
+const STACK_BYTES: usize = 64 * 1024;
+
+/// A network namespace, with a thread that stays in it and starts those that are to be there: a thread begins where the one is
+/// that starts it. So nobody needs the right to enter it, and the experiment gives that right up. The namespace is gone with
+/// its last thread, socket and handle.
 pub struct Namespace {
     handle: OwnedFd,
+    /// Its own thread's number.
+    tid: Pid,
+    /// None once it is dropped.
+    work: Option<Sender<Work>>,
+    thread: Option<JoinHandle<()>>,
+}
+
+impl fmt::Debug for Namespace {
+    fn fmt(&self, formatter: &mut fmt::Formatter<'_>) -> fmt::Result {
+        formatter
+            .debug_struct("Namespace")
+            .field("handle", &self.handle)
+            .finish_non_exhaustive()
+    }
 }
 
 impl Namespace {
@@ -31,15 +56,12 @@ impl Namespace {
     /// # Errors
     /// If the kernel refuses, most often for lack of CAP_SYS_ADMIN.
     pub fn create() -> Result<Self, NetworkError> {
-        // A thread of its own, since unshare() moves the calling one.
-        on_own_thread(|| {
+        Self::begin(|| {
             unshare(CloneFlags::CLONE_NEWNET).map_err(|source| NetworkError::Namespace { source })?;
             let handle = File::open("/proc/thread-self/ns/net").map_err(|error| NetworkError::Namespace {
                 source: errno(&error),
             })?;
-            Ok(Self {
-                handle: handle.into(),
-            })
+            Ok(handle.into())
         })
     }
 
@@ -48,41 +70,129 @@ impl Namespace {
     /// # Errors
     /// If the process has ended or the kernel refuses.
     pub fn of_process(pid: u32) -> Result<Self, NetworkError> {
-        let handle = File::open(format!("/proc/{pid}/ns/net")).map_err(|error| NetworkError::Enter {
-            source: errno(&error),
-        })?;
-        Ok(Self {
-            handle: handle.into(),
+        Self::begin(move || {
+            let handle = File::open(format!("/proc/{pid}/ns/net")).map_err(|error| NetworkError::Enter {
+                source: errno(&error),
+            })?;
+            let handle = handle.into();
+            enter(&handle)?;
+            Ok(handle)
         })
     }
 
-    /// Where other processes find it, as long as this process has it.
-    #[must_use]
-    pub fn path(&self) -> String {
-        format!("/proc/{}/fd/{}", std::process::id(), self.handle.as_raw_fd())
+    /// Starts its thread, which gets there by itself and says with what handle.
+    fn begin(
+        get_there: impl FnOnce() -> Result<OwnedFd, NetworkError> + Send + 'static,
+    ) -> Result<Self, NetworkError> {
+        let no_thread = |error: io::Error| NetworkError::Thread {
+            source: errno(&error),
+        };
+        let (there, is_there) = channel();
+        let (work, to_do) = channel();
+        let thread = thread::Builder::new()
+            .name("namespace".into())
+            .stack_size(STACK_BYTES)
+            .spawn(move || {
+                let handle = get_there();
+                drop_unneeded();
+                if there.send(handle.map(|handle| (handle, gettid()))).is_ok() {
+                    do_all(&to_do);
+                }
+            })
+            .map_err(no_thread)?;
+        let (handle, tid) = is_there
+            .recv()
+            .unwrap_or_else(|_| Err(no_thread(io::ErrorKind::BrokenPipe.into())))?;
+        Ok(Self {
+            handle,
+            tid,
+            work: Some(work),
+            thread: Some(thread),
+        })
     }
 
-    /// Moves the calling thread into it.
+    /// Where other processes find it, as long as this process has it: with its own thread, since the kernel shows nobody what
+    /// belongs to a thread with more rights (ptrace(2), "access mode checking").
+    #[must_use]
+    pub fn path(&self) -> String {
+        format!("/proc/{}/task/{}/ns/net", std::process::id(), self.tid)
+    }
+
+    /// Moves the calling thread into it, for which that must have CAP_SYS_ADMIN.
     ///
     /// # Errors
     /// If the kernel refuses.
     pub fn enter(&self) -> Result<(), NetworkError> {
-        setns(&self.handle, CloneFlags::CLONE_NEWNET).map_err(|source| NetworkError::Enter { source })
+        enter(&self.handle)
     }
 
-    /// Does something inside it, on a thread of its own.
+    /// Has its own thread do something short, sometime.
     ///
     /// # Errors
-    /// If it cannot be entered, or what the work says.
-    pub fn within<T: Send>(
-        &self,
-        work: impl FnOnce() -> Result<T, NetworkError> + Send,
-    ) -> Result<T, NetworkError> {
-        on_own_thread(|| {
-            self.enter()?;
-            work()
-        })
+    /// If the thread has ended.
+    pub fn give(&self, work: Work) -> io::Result<()> {
+        let given = self.work.as_ref().map(|to| to.send(work));
+        match given {
+            Some(Ok(())) => Ok(()),
+            _ => Err(io::ErrorKind::BrokenPipe.into()),
+        }
     }
+
+    /// Does something inside it, on a thread that lives as long as the work.
+    ///
+    /// # Errors
+    /// If there is no thread for it, or what the work says.
+    pub fn within<T: Send + 'static>(
+        &self,
+        work: impl FnOnce() -> Result<T, NetworkError> + Send + 'static,
+    ) -> Result<T, NetworkError> {
+        let thread = spawn_by(|starting| self.give(starting), "namespace".to_owned(), work);
+        let thread = thread.map_err(|error| NetworkError::Thread {
+            source: errno(&error),
+        })?;
+        thread
+            .join()
+            .unwrap_or_else(|payload| panic::resume_unwind(payload))
+    }
+}
+
+impl Drop for Namespace {
+    fn drop(&mut self) {
+        // Without anything more to come it ends.
+        self.work = None;
+        if let Some(thread) = self.thread.take() {
+            let _ = thread.join();
+        }
+    }
+}
+
+fn enter(handle: &OwnedFd) -> Result<(), NetworkError> {
+    setns(handle, CloneFlags::CLONE_NEWNET).map_err(|source| NetworkError::Enter { source })
+}
+
+fn do_all(to_do: &Receiver<Work>) {
+    for work in to_do {
+        work();
+    }
+}
+
+/// Has a thread started by who is given the work of starting it.
+///
+/// # Errors
+/// If it cannot be started.
+pub fn spawn_by<T: Send + 'static>(
+    give: impl FnOnce(Work) -> io::Result<()>,
+    name: String,
+    work: impl FnOnce() -> T + Send + 'static,
+) -> io::Result<JoinHandle<T>> {
+    let (tell, started) = channel();
+    give(Box::new(move || {
+        // Who asked waits for the answer.
+        let _ = tell.send(thread::Builder::new().name(name).spawn(work));
+    }))?;
+    started
+        .recv()
+        .unwrap_or_else(|_| Err(io::ErrorKind::BrokenPipe.into()))
 }
 
 /// Lets an ordinary user build networks: moves the process into a user namespace of its own, in which it is root, if
@@ -122,21 +232,6 @@ fn may_administer() -> Result<bool, NetworkError> {
 fn effective_capabilities(status: &str) -> Option<u64> {
     let set = status.lines().find_map(|line| line.strip_prefix("CapEff:"))?;
     u64::from_str_radix(set.trim(), 16).ok()
-}
-
-/// Runs the work on a thread that lives as long as the work.
-fn on_own_thread<T: Send>(work: impl FnOnce() -> Result<T, NetworkError> + Send) -> Result<T, NetworkError> {
-    thread::scope(|scope| {
-        let thread = thread::Builder::new()
-            .name("namespace".into())
-            .spawn_scoped(scope, work)
-            .map_err(|error| NetworkError::Thread {
-                source: errno(&error),
-            })?;
-        thread
-            .join()
-            .unwrap_or_else(|payload| panic::resume_unwind(payload))
-    })
 }
 
 /// The error number of an I/O error that came from the kernel.

@@ -1,8 +1,10 @@
 //! The `userspace` network: a namespace and a TAP device for each host, links and switch in this process. The main
 //! type is [`Userspace`].
 
+use std::io;
+
 use super::{
-    Network, NetworkError,
+    Network, NetworkError, Work,
     device::{self, Interface, Tap},
     emulator::Emulator,
     link::Impairment,
@@ -49,6 +51,10 @@ impl Network for Userspace {
         self.namespaces[host.index()].enter()
     }
 
+    fn give(&self, host: VirtualHost, work: Work) -> io::Result<()> {
+        self.namespaces[host.index()].give(work)
+    }
+
     fn interface(&self, host: VirtualHost) -> String {
         host.interface()
     }
@@ -86,7 +92,7 @@ pub fn survey() -> Result<(), NetworkError> {
 /// The host's namespace and its device, which is up and knows the other hosts.
 fn make_host(host: VirtualHost) -> Result<(Namespace, Tap), NetworkError> {
     let namespace = Namespace::create()?;
-    let tap = namespace.within(|| {
+    let tap = namespace.within(move || {
         let interface = Interface::of(host);
         let tap = Tap::create(&interface.name)?;
         let neighbours: Vec<_> = VirtualHost::ALL

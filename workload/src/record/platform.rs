@@ -120,8 +120,24 @@ pub struct PlatformRecord {
     /// The ROS master that was used, as the workload of a run knows it.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub ros_master: Option<RosMasterRecord>,
+    /// What the workload may do beside what any user's program may; none in records of earlier versions.
+    #[serde(default)]
+    pub privileges: Option<PrivilegeRecord>,
     /// What the operating system granted of what the loops asked for.
     pub realtime: RealtimeGrant,
+}
+
+/// What a workload has of root's rights while it measures (capabilities(7)); a right that one of its threads has it has.
+#[derive(Debug, Clone, Default, PartialEq, Eq, Serialize, Deserialize)]
+pub struct PrivilegeRecord {
+    /// Names without `CAP_`, such as `NET_ADMIN`. Those that an ordinary user has in a user namespace of its own count, too.
+    pub capabilities: Vec<String>,
+    /// What a program that it starts could have at most.
+    pub bounding_capabilities: Vec<String>,
+    /// Whether a program that it starts gets nothing that it has not itself.
+    pub no_new_privileges: bool,
+    /// Whether a seccomp filter is on all its threads, as a container's is.
+    pub seccomp_filter: bool,
 }
 
 /// The ROS master of a run.

@@ -3,6 +3,7 @@
 
 use serde::{Deserialize, Serialize};
 
+use super::name::name;
 use crate::virtual_host::VirtualHost;
 
 /// One window's record.
@@ -13,6 +14,7 @@ pub struct WindowRecord {
     /// The window's number, from 1.
     pub window: u32,
     /// The environment that measured it; windows of one environment are contiguous.
+    #[serde(deserialize_with = "name")]
     pub environment: String,
     /// Whether it is the first window of its run of the loop, and so begins with the transient.
     pub starts_run: bool,
@@ -67,6 +69,115 @@ pub struct WindowRecord {
     pub verdict: Verdict,
     /// Why, if not valid.
     pub reasons: Vec<String>,
+}
+
+/// A record says what no run can have.
+#[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
+#[error("`{field}` is {value}, which no run has")]
+pub struct Impossible {
+    /// The field.
+    pub field: &'static str,
+    /// What it says.
+    pub value: String,
+}
+
+impl WindowRecord {
+    /// The file is no longer: it is some kilobytes.
+    pub const MOST_BYTES: u64 = 1 << 20;
+    /// Whatever is counted in a window, steps and packets too, stays far below.
+    pub const MOST: u64 = 1 << 40;
+    /// Whatever the two clocks say: in the year 2116.
+    const LATEST_NS: i64 = 1 << 62;
+    /// No window takes longer: 18 years.
+    const LONGEST_NS: i64 = 1 << 59;
+    /// Three virtual hosts, two logs, with room for more.
+    const MOST_FILES: usize = 64;
+    /// Captures are compressed to a quarter or a fifth; what shrinks to less than a thousandth is none.
+    const MOST_COMPRESSION: u64 = 1000;
+
+    /// Looks whether its numbers are such that they can be added up: the record comes from another machine.
+    ///
+    /// # Errors
+    /// The first that is not.
+    pub fn check(&self) -> Result<(), Impossible> {
+        let wrong = |field, value: String| Err(Impossible { field, value });
+        let (controller, plant) = (&self.controller, &self.plant);
+        let dropped = |capture: &CaptureRecord| capture.dropped.max(capture.packets);
+        let passed = |pass: &PassRecord| {
+            let counts = [
+                pass.offered,
+                pass.lost,
+                pass.delivered,
+                pass.overflowed.unwrap_or(0),
+            ];
+            counts.into_iter().max().unwrap_or(0)
+        };
+        let links = self.links.iter().flat_map(|link| [&link.up, &link.down]);
+        let counts = [
+            ("steps_expected", self.steps_expected),
+            ("steps_done", self.steps_done),
+            ("stale_steps", self.stale_steps),
+            ("log_dropped", self.log_dropped),
+            ("controller.steps", controller.steps),
+            ("controller.lost_ticks", controller.lost_ticks),
+            ("controller.missed_deadlines", controller.missed_deadlines),
+            ("controller.late_steps", controller.late_steps),
+            ("plant.steps", plant.steps),
+            ("plant.lost_ticks", plant.lost_ticks),
+            ("plant.missed_deadlines", plant.missed_deadlines),
+            ("plant.late_steps", plant.late_steps),
+            ("notices.count", self.notices.count),
+            ("captures", self.captures.iter().map(dropped).max().unwrap_or(0)),
+            ("links", links.map(passed).max().unwrap_or(0)),
+            ("releases.released", self.releases.map_or(0, |it| it.released)),
+        ];
+        if let Some((field, count)) = counts.into_iter().find(|(_, count)| *count > Self::MOST) {
+            return wrong(field, count.to_string());
+        }
+        let times = [
+            ("started_unix_ns", self.started_unix_ns),
+            ("ended_unix_ns", self.ended_unix_ns),
+            ("started_ns", self.started_ns),
+            ("ended_ns", self.ended_ns),
+        ];
+        let is_time = |ns: i64| (0..Self::LATEST_NS).contains(&ns);
+        if let Some((field, ns)) = times.into_iter().find(|(_, ns)| !is_time(*ns)) {
+            return wrong(field, ns.to_string());
+        }
+        // The wall clock may be set meanwhile, by half a century where a machine has none of its own.
+        let took_ns = self.ended_ns - self.started_ns;
+        if !(0..Self::LONGEST_NS).contains(&took_ns) {
+            return wrong("ended_ns", format!("{took_ns} ns after started_ns"));
+        }
+        if self.window == 0 {
+            return wrong("window", "0".to_owned());
+        }
+        for (field, found) in [
+            ("files", self.files.len()),
+            ("captures", self.captures.len()),
+            ("links", self.links.len()),
+        ] {
+            if found > Self::MOST_FILES {
+                return wrong(field, format!("a list of {found}"));
+            }
+        }
+        let is_bomb = |file: &&FileRecord| {
+            let measured = file.measured.as_ref().map_or(0, |it| it.bytes);
+            measured > file.bytes.saturating_mul(Self::MOST_COMPRESSION)
+        };
+        if let Some(file) = self.files.iter().find(is_bomb) {
+            return wrong(
+                "files",
+                format!(
+                    "{} in {} bytes of {}",
+                    file.as_measured().bytes,
+                    file.bytes,
+                    file.name
+                ),
+            );
+        }
+        Ok(())
+    }
 }
 
 /// Peers of the ROS master and nodes that came, went or were refused during a window. The experiment's own are
@@ -222,6 +333,7 @@ pub struct ReleaseRecord {
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
 pub struct FileRecord {
     /// Its name, without a folder.
+    #[serde(deserialize_with = "name")]
     pub name: String,
     /// Its length.
     pub bytes: u64,

@@ -7,8 +7,8 @@
 //! Source: <http://xmlrpc.com/spec.md>. The main types are [`Value`], [`Client`] and [`Api`].
 
 mod client;
-mod document;
-mod http;
+pub(super) mod document;
+pub(super) mod http;
 mod server;
 mod value;
 

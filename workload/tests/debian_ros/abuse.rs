@@ -1,12 +1,13 @@
 //! What strangers do to the master and the nodes, and that the loops do not feel it.
 
-use std::fs;
+use std::{fs, panic::resume_unwind};
 
 use rstest::rstest;
 use tempfile::TempDir;
 use workload::record::{progress::Progress, window::WindowRecord};
 
 use crate::{
+    control::{Lateness, beside},
     settings,
     stage::{PYTHON, SHORT_LINKS, Stage, machine, script},
 };
@@ -15,31 +16,37 @@ fn abuse(stage: &Stage) -> crate::stage::Tool {
     stage.tool("h1", PYTHON, &[script("abuse.py")])
 }
 
-/// Strangers that disturb the loops do so each time; what else the machine does is not there each time.
+/// A hiccup of the machine that falls into a step is not there each time.
 const TRIES: usize = 4;
+/// What of the schedule is nothing: a twentieth of a step.
+const PUNCTUAL_NS: i64 = 1_000_000;
+const STEP_NS: i64 = 20_000_000;
 
 #[test]
 fn the_loops_hold_their_schedule_and_their_connections_while_strangers_do_their_worst() {
     let _machine = machine();
     let mut late = Vec::new();
     for _ in 0..TRIES {
-        let windows = windows_among_strangers();
-        match lateness(&windows) {
+        let (windows, control) = beside(windows_among_strangers);
+        let windows = windows.unwrap_or_else(|panic| resume_unwind(panic));
+        match lateness(&windows, control) {
             None => return,
-            Some(found) => late.push(found),
+            Some(found) => late.push(format!("{found}, beside {control:?}")),
         }
     }
     panic!("in each of {TRIES} runs: {late:#?}");
 }
 
-/// What of the schedule was not held, in a window or in most of them.
-fn lateness(windows: &[WindowRecord]) -> Option<String> {
+/// What of the schedule was not held, in a window or in most of them, that a loop beside it held.
+fn lateness(windows: &[WindowRecord], control: Lateness) -> Option<String> {
     let loops = || {
         windows
             .iter()
             .flat_map(|window| [&window.controller, &window.plant])
     };
-    if let Some(held) = loops().find(|held| held.missed_deadlines > 0) {
+    if control.max_ns < STEP_NS / 2
+        && let Some(held) = loops().find(|held| held.missed_deadlines > 0)
+    {
         return Some(format!("{held:?}"));
     }
     if let Some(cut) = windows
@@ -48,10 +55,10 @@ fn lateness(windows: &[WindowRecord]) -> Option<String> {
     {
         return Some(format!("{} of {} steps", cut.steps_done, cut.steps_expected));
     }
-    // A hiccup of the machine is in one window; the strangers are in all but the first. A twentieth of a step.
+    // A hiccup of the machine is in one window; the strangers are in all but the first.
     let mut p99_ns: Vec<i64> = loops().skip(2).map(|held| held.lateness_p99_ns).collect();
     p99_ns.sort_unstable();
-    (p99_ns[p99_ns.len() / 2] >= 1_000_000).then(|| format!("{p99_ns:?}"))
+    (p99_ns[p99_ns.len() / 2] >= PUNCTUAL_NS.max(3 * control.p99_ns)).then(|| format!("{p99_ns:?}"))
 }
 
 /// Four windows, all but the first of them among strangers, of which all is well but perhaps the times.

@@ -3,6 +3,9 @@
 
 #![allow(clippy::unwrap_used, clippy::panic)]
 
+#[path = "../control/mod.rs"]
+mod control;
+
 mod abuse;
 mod listeners;
 mod master;

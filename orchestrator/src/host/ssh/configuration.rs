@@ -109,7 +109,7 @@ impl SshClient {
 
 /// What is configured for an address.
 #[derive(Debug, Default, PartialEq, Eq)]
-pub(super) struct Answer {
+pub(crate) struct Answer {
     /// Its name or address.
     pub(super) host: Option<String>,
     /// Its port.
@@ -132,7 +132,7 @@ pub(super) struct Answer {
 
 impl Answer {
     /// Reads what `ssh -G` printed.
-    fn read(text: &str, client: &SshClient) -> Self {
+    pub(crate) fn read(text: &str, client: &SshClient) -> Self {
         let mut answer = Self {
             agent: client.agent.clone(),
             ..Self::default()

@@ -5,7 +5,7 @@
 //! keys; what it does not know is done here: `@revoked`, and asking for a key of the kind that is known. Names with `*`
 //! and `?` and certificates are not understood, so that they let nobody in.
 
-use std::{fs, io::ErrorKind};
+use std::io::ErrorKind;
 
 use base64::{Engine as _, engine::general_purpose::STANDARD_NO_PAD};
 use ssh2::{CheckResult, HashType, KnownHostFileKind, MethodType, Session};
@@ -14,6 +14,7 @@ use super::{
     SshError,
     error::Complaint,
     hop::{Hop, HostKeys},
+    small_file,
 };
 
 /// Kinds of keys as the files name them, and the signatures to ask a host for. SHA-1 is not among them.
@@ -50,7 +51,7 @@ impl<'a> KnownHosts<'a> {
             return Ok(known);
         };
         for path in files {
-            match fs::read(path) {
+            match small_file::read(path) {
                 Ok(text) => known.add(&String::from_utf8_lossy(&text)),
                 Err(error) if error.kind() == ErrorKind::NotFound => {}
                 Err(source) => {

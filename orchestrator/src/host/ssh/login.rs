@@ -1,10 +1,10 @@
 //! Being let in: by a key of the agent's, or by one of a file. Never by a password. The main function is [`log_in`].
 
-use std::{fs, path::Path};
+use std::path::Path;
 
 use ssh2::Session;
 
-use super::{SshError, hop::Hop};
+use super::{SshError, hop::Hop, small_file};
 
 /// An sshd ends the connection after six keys that it does not know (`MaxAuthTries`): some are left for the files.
 const AGENT_KEYS: usize = 4;
@@ -28,7 +28,7 @@ pub fn log_in(session: &Session, hop: &Hop) -> Result<(), SshError> {
     }
     for identity in &hop.identities {
         let what = identity.display();
-        match fs::read(identity) {
+        match small_file::read(identity) {
             Err(error) => {
                 tried.push(format!("{what}, which cannot be read ({error})"));
                 continue;
@@ -104,6 +104,6 @@ mod tests {
             .status()
             .unwrap();
         assert!(made.success());
-        assert_eq!(is_encrypted(&fs::read_to_string(file).unwrap()), is);
+        assert_eq!(is_encrypted(&std::fs::read_to_string(file).unwrap()), is);
     }
 }

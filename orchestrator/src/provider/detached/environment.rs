@@ -12,7 +12,8 @@ use super::{ClockReading, Keeper, transfer};
 use crate::{
     host::{Exit, HostError},
     provider::{
-        Ended, Environment, ProviderError,
+        Ended, Environment, EnvironmentRequest, ProviderError,
+        data_folder::Allowance,
         lines::Lines,
         patience::{Patience, patiently},
     },
@@ -24,6 +25,7 @@ const FOLLOWING: &str = "following the workload's lines";
 pub struct DetachedEnvironment {
     keeper: Arc<Keeper>,
     environment: String,
+    allowance: Allowance,
     facts: Map<String, Value>,
     /// Its machine's clock before it measured, or when it was found again.
     clock: ClockReading,
@@ -48,18 +50,19 @@ struct Following {
 }
 
 impl DetachedEnvironment {
-    /// That of this name; with what explains it, its machine's clock, and whether its workload runs.
+    /// That of this request; with what explains it, its machine's clock, and whether its workload runs.
     #[must_use]
     pub fn new(
         keeper: Arc<Keeper>,
-        environment: &str,
+        request: &EnvironmentRequest,
         facts: Map<String, Value>,
         clock: ClockReading,
         running: bool,
     ) -> Self {
         Self {
             keeper,
-            environment: environment.to_owned(),
+            environment: request.environment.clone(),
+            allowance: Allowance::of(request),
             facts,
             clock,
             ran: running,
@@ -165,7 +168,7 @@ impl Environment for DetachedEnvironment {
     }
 
     async fn collect(&mut self, into: &Path) -> Result<(), ProviderError> {
-        transfer::collect(&self.keeper, &self.environment, into).await
+        transfer::collect(&self.keeper, &self.environment, into, &self.allowance).await
     }
 
     async fn discard(self: Box<Self>) -> Result<(), ProviderError> {

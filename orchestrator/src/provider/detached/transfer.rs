@@ -18,7 +18,7 @@ use workload::{
 use super::{Keeper, json};
 use crate::provider::{
     ProviderError,
-    data_folder::{self, Arriving as ArrivingFile, DataFile},
+    data_folder::{self, Allowance, Arriving as ArrivingFile, DataFile},
     patience::Patience,
 };
 
@@ -29,7 +29,12 @@ const ACTION: &str = "collecting the data";
 /// # Errors
 /// When the host refuses, a file cannot be written or is none of a workload's, or when the host stays away; what arrived
 /// stays.
-pub async fn collect(keeper: &Keeper, environment: &str, into: &Path) -> Result<(), ProviderError> {
+pub async fn collect(
+    keeper: &Keeper,
+    environment: &str,
+    into: &Path,
+    allowance: &Allowance,
+) -> Result<(), ProviderError> {
     let mut patience = Patience::default();
     let mut before = 0;
     loop {
@@ -41,7 +46,7 @@ pub async fn collect(keeper: &Keeper, environment: &str, into: &Path) -> Result<
             patience = Patience::default();
             before = bytes;
         }
-        match attempt(keeper, environment, into, there).await {
+        match attempt(keeper, environment, into, there, allowance).await {
             Ok(()) => return Ok(()),
             Err(error) => patience.bear(error)?,
         }
@@ -53,6 +58,7 @@ async fn attempt(
     environment: &str,
     into: &Path,
     there: AlreadyThere,
+    allowance: &Allowance,
 ) -> Result<(), ProviderError> {
     let mut running = keeper.collect(environment).await?;
     let end = tokio::spawn(running.end.wait());
@@ -68,11 +74,11 @@ async fn attempt(
     };
     let stream = running.stream.into_std().map_err(refused)?;
     stream.set_nonblocking(false).map_err(refused)?;
-    let into = into.to_owned();
+    let (into, allowance) = (into.to_owned(), allowance.clone());
     // Gigabytes at times: not on a thread that others wait for.
     let unpacking = tokio::task::spawn_blocking(move || {
         let mut arriving = Arriving { stream, ended: false };
-        let unpacked = unpack(&mut arriving, &there, &into);
+        let unpacked = unpack(&mut arriving, &there, &into, &allowance);
         (unpacked, arriving.ended)
     });
     let (unpacked, ended) = unpacking
@@ -119,10 +125,17 @@ fn already_there(into: &Path) -> Result<AlreadyThere, ProviderError> {
 }
 
 /// Unpacks a stream into a folder that has so many bytes of some files.
-fn unpack(mut stream: impl Read, there: &AlreadyThere, into: &Path) -> Result<(), ProviderError> {
+pub(crate) fn unpack(
+    mut stream: impl Read,
+    there: &AlreadyThere,
+    into: &Path,
+    allowance: &Allowance,
+) -> Result<(), ProviderError> {
     let mut unpacking = Unpacking {
         there,
         into,
+        allowance,
+        left: allowance.bytes().saturating_sub(there.values().sum()),
         file: None,
         failure: None,
     };
@@ -141,6 +154,9 @@ fn unpack(mut stream: impl Read, there: &AlreadyThere, into: &Path) -> Result<()
 struct Unpacking<'a> {
     there: &'a AlreadyThere,
     into: &'a Path,
+    allowance: &'a Allowance,
+    /// Bytes that may still come, but for what the file has that is arriving.
+    left: u64,
     /// The one that is arriving.
     file: Option<ArrivingFile>,
     /// What was wrong here, and not with the stream.
@@ -158,12 +174,17 @@ impl Unpacking<'_> {
 
 impl Receiver for Unpacking<'_> {
     fn begin(&mut self, path: &Path) -> io::Result<bool> {
-        let Some(file) = DataFile::at(path) else {
+        if let Some(before) = self.file.take() {
+            self.left = self.left.saturating_sub(before.taken());
+        }
+        let Some(file) = self.allowance.file(path) else {
             return Ok(false);
         };
         let begun = match path.to_str().and_then(|path| self.there.get(path)) {
-            Some(length) => file.append(self.into, *length),
-            None => file.replace(self.into),
+            Some(length) => file
+                .within(length.saturating_add(self.left))
+                .append(self.into, *length),
+            None => file.within(self.left).replace(self.into),
         };
         self.file = Some(self.done(begun)?);
         Ok(true)
@@ -185,9 +206,42 @@ mod tests {
     use lz4_flex::frame::FrameEncoder;
     use proptest::prelude::*;
     use tar::EntryType;
-    use workload::detached::send;
+    use workload::{detached::send, quantity::TimeSpan, settings::Settings};
 
     use super::*;
+    use crate::provider::EnvironmentRequest;
+
+    /// That of three windows of a minute.
+    fn allowance() -> Allowance {
+        Allowance::of(&EnvironmentRequest {
+            environment: "e-1".to_owned(),
+            run: "r".to_owned(),
+            run_directory: PathBuf::from("/runs/r"),
+            scenario: "s".to_owned(),
+            host: "here".to_owned(),
+            settings: Settings {
+                window: TimeSpan::from_secs(60),
+                ..Settings::default()
+            },
+            windows: vec![1, 2, 3],
+        })
+    }
+
+    #[test]
+    fn what_is_there_counts_and_other_windows_are_not_taken() {
+        let outer = tempfile::tempdir().unwrap();
+        let there = AlreadyThere::from([("window-1/control.csv".to_owned(), allowance().bytes() - 2)]);
+        let sent = |content: &'static [u8]| {
+            stream(&[
+                ("window-9/control.csv", EntryType::Regular, b"not asked for"),
+                ("window-2/control.csv", EntryType::Regular, content),
+            ])
+        };
+        unpack(sent(b"xx").as_slice(), &there, outer.path(), &allowance()).unwrap();
+        assert!(!outer.path().join("window-9").exists());
+        let more = unpack(sent(b"xxx").as_slice(), &there, outer.path(), &allowance()).unwrap_err();
+        assert!(more.to_string().contains("longer than 2 bytes"), "{more}");
+    }
 
     /// A stream with entries as no workload makes them, each with its path as it stands.
     fn stream(entries: &[(&str, EntryType, &[u8])]) -> Vec<u8> {
@@ -232,7 +286,7 @@ mod tests {
         let outer = tempfile::tempdir().unwrap();
         let into = outer.path().join("scenario/into");
         fs::create_dir_all(&into).unwrap();
-        let unpacked = unpack(stream, &AlreadyThere::new(), &into);
+        let unpacked = unpack(stream, &AlreadyThere::new(), &into, &allowance());
         let named = |(path, content): (PathBuf, Option<Vec<u8>>)| {
             let path = path.strip_prefix(&into).expect("it is within").to_str().unwrap();
             (path.to_owned(), content.expect("it is a regular file"))
@@ -280,7 +334,7 @@ mod tests {
         fs::create_dir(&into).unwrap();
         std::os::unix::fs::symlink(&secret, into.join("environment.json")).unwrap();
         let sent = stream(&[("environment.json", EntryType::Regular, b"theirs")]);
-        unpack(sent.as_slice(), &AlreadyThere::new(), &into).unwrap();
+        unpack(sent.as_slice(), &AlreadyThere::new(), &into, &allowance()).unwrap();
         assert_eq!(fs::read_to_string(&secret).unwrap(), "mine");
         assert_eq!(
             fs::read_to_string(into.join("environment.json")).unwrap(),
@@ -324,11 +378,11 @@ mod tests {
                 let stream = sent(from.path(), &there);
                 // A frame without its end mark alone has all that it says, but for the checksum.
                 let length = ((stream.len() - 9) as f64 * cut) as usize;
-                prop_assert!(unpack(&stream[..length], &there, into.path()).is_err());
+                prop_assert!(unpack(&stream[..length], &there, into.path(), &allowance()).is_err());
             }
             let there = already_there(into.path()).unwrap();
             let stream = sent(from.path(), &there);
-            unpack(stream.as_slice(), &there, into.path()).unwrap();
+            unpack(stream.as_slice(), &there, into.path(), &allowance()).unwrap();
             let relative = |root: &Path| -> Vec<_> {
                 let found = below(root).into_iter();
                 found.map(|(path, content)| (path.strip_prefix(root).unwrap().to_owned(), content)).collect()

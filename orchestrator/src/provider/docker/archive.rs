@@ -16,7 +16,14 @@ use super::{
     container::DATA,
     engine::{Engine, is_missing, translate},
 };
-use crate::provider::{ProviderError, data_folder, lines::Lines};
+use crate::{
+    provider::{
+        ProviderError,
+        data_folder::{self, Allowance},
+        lines::Lines,
+    },
+    workload_binary,
+};
 
 const ACTION: &str = "copying the data out of the container";
 
@@ -25,11 +32,16 @@ const ACTION: &str = "copying the data out of the container";
 ///
 /// # Errors
 /// When the engine stops answering, or the data is not a workload's; what arrived stays.
-pub async fn collect(engine: &Engine, container: &str, into: &Path) -> Result<(), ProviderError> {
-    let into: PathBuf = into.to_owned();
+pub async fn collect(
+    engine: &Engine,
+    container: &str,
+    into: &Path,
+    allowance: &Allowance,
+) -> Result<(), ProviderError> {
+    let (into, allowance): (PathBuf, _) = (into.to_owned(), allowance.clone());
     data_folder::clear(&into)?;
     download(engine, container, DATA, move |stream| {
-        data_folder::unpack(stream, DATA.trim_start_matches('/'), &into)
+        data_folder::unpack(stream, DATA.trim_start_matches('/'), &into, &allowance)
     })
     .await
     .map(|_| ())
@@ -55,6 +67,25 @@ pub async fn progress(engine: &Engine, container: &str) -> Result<Vec<Progress>,
     })
     .await?;
     Ok(said.unwrap_or_default())
+}
+
+/// The SHA-256 of a file in a container, started or not, in hexadecimal; none if there is no such file.
+///
+/// # Errors
+/// When the engine stops answering.
+pub async fn sha256(engine: &Engine, container: &str, path: &str) -> Result<Option<String>, ProviderError> {
+    let unreadable = |error: io::Error| ProviderError::Data {
+        what: format!("{path} in the container {container}"),
+        reason: error.to_string(),
+    };
+    let hashed = download(engine, container, path, |stream| {
+        let hash = || match tar::Archive::new(stream).entries()?.next() {
+            Some(entry) => workload_binary::hash_of_stream(entry?),
+            None => Ok(String::new()),
+        };
+        Ok(hash())
+    });
+    hashed.await?.transpose().map_err(unreadable)
 }
 
 /// It has a few lines a window.

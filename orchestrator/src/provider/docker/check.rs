@@ -55,7 +55,10 @@ pub async fn check(
     let options = CreateContainerOptionsBuilder::default().name(&name).build();
     engine
         .api
-        .create_container(Some(options), container::check(need, settings, image))
+        .create_container(
+            Some(options),
+            container::check(need, settings, image, engine.memory),
+        )
         .await
         .map_err(failed)?;
     let asked = async {

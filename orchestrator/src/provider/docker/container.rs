@@ -2,31 +2,37 @@
 //! are [`workload`], [`check`] and [`reader`].
 //!
 //! The workload makes network namespaces, TAP devices and packet captures and wants real-time priority; each of these
-//! needs one capability. It gets those, what the matrix file asks for besides, and no network of the engine's.
+//! needs one capability. It gets those, what the matrix file asks for besides, and no network of the engine's. Two of them it
+//! gives up again once its namespaces are there, and what SYS_ADMIN allows beside them is not in [`super::seccomp`].
 
 use std::{collections::HashMap, path::Path};
 
-use ::workload::settings::Need;
+use ::workload::{quantity::Bytes, settings::Need};
 use bollard::models::{
     ContainerCreateBody, DeviceMapping, HostConfig, HostConfigLogConfig, Mount, MountType, MountVolumeOptions,
 };
 
-use super::{image::Image, labels::Labels, settings::DockerSettings};
+use super::{image::Image, labels::Labels, seccomp, settings::DockerSettings};
 use crate::provider::{EnvironmentRequest, trial};
 
 /// Where the volume is in the container.
 pub const DATA: &str = "/data";
 /// Where the Dockerfile puts the workload in our images.
-const WORKLOAD: &str = "/workload";
+pub const WORKLOAD: &str = "/workload";
 
 /// Each with what it is for.
-const CAPABILITIES: [&str; 5] = [
+const CAPABILITIES: [&str; 6] = [
     "NET_ADMIN", // TAP devices, addresses, neighbours
     "NET_RAW",   // captures: AF_PACKET
-    "SYS_ADMIN", // unshare(CLONE_NEWNET), setns
+    "SYS_ADMIN", // unshare(CLONE_NEWNET), until that is done
+    "SETPCAP",   // giving up SYS_ADMIN for what is started, too; given up with it
     "SYS_NICE",  // SCHED_FIFO, whatever RLIMIT_RTPRIO is
     "IPC_LOCK",  // mlockall, whatever RLIMIT_MEMLOCK is
 ];
+
+/// Processes and threads of a container. A scenario has some thirty, and Open vSwitch's daemon as many as the machine has
+/// processors: far below, and far above what a machine can take.
+const MOST_PROCESSES: i64 = 4096;
 
 /// The container in which the workload runs.
 #[must_use]
@@ -34,6 +40,7 @@ pub fn workload(
     request: &EnvironmentRequest,
     settings: &DockerSettings,
     image: &Image,
+    machine_memory: Option<u64>,
 ) -> ContainerCreateBody {
     let arguments = request
         .arguments(Path::new(DATA))
@@ -43,7 +50,7 @@ pub fn workload(
     ContainerCreateBody {
         host_config: Some(HostConfig {
             mounts: Some(vec![volume(request, image)]),
-            ..rights_and_limits(settings)
+            ..rights_and_limits(settings, machine_memory)
         }),
         entrypoint: Some(entrypoint(settings, WORKLOAD.to_owned())),
         cmd: Some(arguments),
@@ -54,7 +61,12 @@ pub fn workload(
 /// A container in which the workload says whether a need is met, of any image: the workload is copied to [`DATA`], a volume
 /// without a name, before it is started. It is where the measuring one has its data, so that no image is built for it.
 #[must_use]
-pub fn check(need: &Need, settings: &DockerSettings, image: &str) -> ContainerCreateBody {
+pub fn check(
+    need: &Need,
+    settings: &DockerSettings,
+    image: &str,
+    machine_memory: Option<u64>,
+) -> ContainerCreateBody {
     ContainerCreateBody {
         // As an image of ours has them, whatever the one below says.
         user: Some("0:0".to_owned()),
@@ -65,7 +77,7 @@ pub fn check(need: &Need, settings: &DockerSettings, image: &str) -> ContainerCr
                 target: Some(DATA.to_owned()),
                 ..Mount::default()
             }]),
-            ..rights_and_limits(settings)
+            ..rights_and_limits(settings, machine_memory)
         }),
         entrypoint: Some(entrypoint(settings, format!("{DATA}{WORKLOAD}"))),
         cmd: Some(trial::arguments(need).into()),
@@ -91,9 +103,19 @@ fn bare(labels: &Labels, image: &str) -> ContainerCreateBody {
 }
 
 /// What the workload may do, and how much of the machine it has.
-fn rights_and_limits(settings: &DockerSettings) -> HostConfig {
+fn rights_and_limits(settings: &DockerSettings, machine_memory: Option<u64>) -> HostConfig {
     let asked_for = settings.capabilities.iter().map(ToString::to_string);
-    let security = ["no-new-privileges:true".to_owned()];
+    let security = [
+        "no-new-privileges:true".to_owned(),
+        format!("seccomp={}", seccomp::profile(&settings.system_calls)),
+    ];
+    // What a scenario writes stays in memory too, as the kernel's copy of its files, and counts: a limit near what the
+    // workload itself needs would have the kernel look for room while it measures.
+    let memory = settings
+        .memory
+        .map(Bytes::get)
+        .or_else(|| Some(machine_memory? / 4 * 3))
+        .map(i64_of);
     let profile = settings
         .apparmor
         .iter()
@@ -126,9 +148,10 @@ fn rights_and_limits(settings: &DockerSettings) -> HostConfig {
         }),
         nano_cpus: settings.cpus.map(|cpus| (cpus * 1e9).round() as i64),
         cpuset_cpus: settings.cpuset.clone(),
-        memory: settings.memory.map(|memory| i64_of(memory.get())),
+        memory,
         // No swap beyond the limit: a workload that is swapped out is not worth measuring.
-        memory_swap: settings.memory.map(|memory| i64_of(memory.get())),
+        memory_swap: memory,
+        pids_limit: Some(MOST_PROCESSES),
         cpu_realtime_period: settings.realtime_runtime.map(|_| 1_000_000),
         cpu_realtime_runtime: settings
             .realtime_runtime
@@ -183,12 +206,10 @@ fn i64_of(number: u64) -> i64 {
 
 #[cfg(test)]
 mod tests {
-    use workload::{
-        quantity::{Bytes, TimeSpan},
-        settings::Settings,
-    };
+    use workload::{quantity::TimeSpan, settings::Settings};
 
     use super::*;
+    use crate::provider::docker::settings::SystemCalls;
 
     fn request() -> EnvironmentRequest {
         EnvironmentRequest {
@@ -213,12 +234,13 @@ mod tests {
 
     #[test]
     fn a_container_has_no_rights_beyond_those_that_are_listed() {
-        let host = workload(&request(), &DockerSettings::default(), &image())
+        let host = workload(&request(), &DockerSettings::default(), &image(), None)
             .host_config
             .unwrap();
         assert_eq!(host.cap_drop.unwrap(), ["ALL"]);
         assert_eq!(host.cap_add.unwrap(), CAPABILITIES);
-        assert_eq!(host.security_opt.unwrap(), ["no-new-privileges:true"]);
+        let profile = format!("seccomp={}", seccomp::profile(&[]));
+        assert_eq!(host.security_opt.unwrap(), ["no-new-privileges:true", &profile]);
         assert_eq!(host.tmpfs.unwrap(), HashMap::new());
         assert_eq!((host.privileged, host.readonly_rootfs), (None, Some(true)));
         assert_eq!(host.network_mode.unwrap(), "none");
@@ -227,6 +249,22 @@ mod tests {
             (host.memory, host.nano_cpus, host.cpuset_cpus),
             (None, None, None)
         );
+        assert_eq!(host.pids_limit, Some(MOST_PROCESSES));
+    }
+
+    #[test]
+    fn a_container_leaves_its_machine_a_quarter_of_the_memory_unless_the_file_says_otherwise() {
+        let host = |settings: &DockerSettings| {
+            let body = workload(&request(), settings, &image(), Some(8 << 30));
+            let host = body.host_config.unwrap();
+            (host.memory, host.memory_swap)
+        };
+        assert_eq!(host(&DockerSettings::default()), (Some(6 << 30), Some(6 << 30)));
+        let settings = DockerSettings {
+            memory: Some(Bytes::new(1 << 30)),
+            ..DockerSettings::default()
+        };
+        assert_eq!(host(&settings), (Some(1 << 30), Some(1 << 30)));
     }
 
     #[test]
@@ -235,8 +273,10 @@ mod tests {
             memory: Some(Bytes::new(512 << 20)),
             ..with_openvswitch()
         };
-        let mut measuring = workload(&request(), &settings, &image()).host_config.unwrap();
-        let check = check(&Need::of(&Settings::default()), &settings, "i");
+        let mut measuring = workload(&request(), &settings, &image(), None)
+            .host_config
+            .unwrap();
+        let check = check(&Need::of(&Settings::default()), &settings, "i", None);
         let mut checking = check.host_config.unwrap();
         let mount = checking.mounts.take().unwrap().remove(0);
         assert_eq!((mount.source, mount.target.as_deref()), (None, Some(DATA)));
@@ -250,6 +290,7 @@ mod tests {
         DockerSettings {
             entrypoint: vec!["with-openvswitch".to_owned()],
             capabilities: vec!["SETGID".to_owned().try_into().unwrap()],
+            system_calls: vec![SystemCalls::Mount],
             writable: vec!["/run".to_owned().try_into().unwrap()],
             apparmor: Some("unconfined".to_owned()),
             ..DockerSettings::default()
@@ -258,7 +299,7 @@ mod tests {
 
     #[test]
     fn what_a_matrix_file_asks_for_comes_beside_what_every_container_has() {
-        let body = workload(&request(), &with_openvswitch(), &image());
+        let body = workload(&request(), &with_openvswitch(), &image(), None);
         assert_eq!(body.entrypoint.unwrap(), ["with-openvswitch", "/workload"]);
         let host = body.host_config.unwrap();
         assert_eq!(
@@ -271,7 +312,11 @@ mod tests {
         );
         assert_eq!(
             host.security_opt.unwrap(),
-            ["no-new-privileges:true", "apparmor=unconfined"]
+            [
+                "no-new-privileges:true".to_owned(),
+                format!("seccomp={}", seccomp::profile(&[SystemCalls::Mount])),
+                "apparmor=unconfined".to_owned()
+            ]
         );
     }
 
@@ -284,7 +329,9 @@ mod tests {
             realtime_runtime: Some(TimeSpan::from_millis(900)),
             ..DockerSettings::default()
         };
-        let host = workload(&request(), &settings, &image()).host_config.unwrap();
+        let host = workload(&request(), &settings, &image(), Some(8 << 30))
+            .host_config
+            .unwrap();
         assert_eq!(host.nano_cpus, Some(1_500_000_000));
         assert_eq!(host.cpuset_cpus.as_deref(), Some("0-1"));
         assert_eq!(
@@ -297,7 +344,7 @@ mod tests {
 
     #[test]
     fn the_workload_is_the_main_process_with_its_data_on_the_volume() {
-        let body = workload(&request(), &DockerSettings::default(), &image());
+        let body = workload(&request(), &DockerSettings::default(), &image(), None);
         let arguments = body.cmd.unwrap();
         assert_eq!(arguments.first().unwrap(), "run");
         for pair in [

@@ -18,6 +18,7 @@ use bollard::{
 };
 use serde::Serialize;
 
+use super::transport::{self, Allowance, Exceeded, TooLong};
 use crate::{
     host::{Forward, Host, Listener, Program, output},
     provider::{
@@ -42,6 +43,8 @@ do
     if [ -S "$socket" ]; then printf %s "$socket"; exit; fi
 done
 "#;
+/// For an engine to say what it is.
+const FIRST_ANSWER: Duration = Duration::from_secs(15);
 /// To look whether some files are there.
 const LOOKING: Duration = Duration::from_secs(60);
 
@@ -70,8 +73,14 @@ pub struct Engine {
     pub kernel: String,
     /// The machine of its kernel, as `uname -m` says it.
     pub kernel_machine: String,
+    /// The memory of its machine, in bytes, where it says so and can limit a container's.
+    pub memory: Option<u64>,
     /// What it makes containers with.
     pub parts: Parts,
+    /// Where it is reached: here, or by what leads there.
+    address: String,
+    /// What of its answers was too long.
+    exceeded: Exceeded,
     /// Whether it is on this machine, whose devices are then its own.
     pub is_here: bool,
     /// The socket here that leads there, as long as anybody needs it.
@@ -95,6 +104,8 @@ pub struct Parts {
     cgroup_version: Option<String>,
     /// Who makes control groups: `cgroupfs` or `systemd`.
     cgroup_driver: Option<String>,
+    /// What stands between containers and the host, such as `name=apparmor`, `name=userns` or `name=rootless`.
+    security_options: Vec<String>,
 }
 
 impl Parts {
@@ -113,6 +124,7 @@ impl Parts {
             containerd_version: component("containerd"),
             cgroup_version: said(info.cgroup_version.as_ref().map(|it| it as _)),
             cgroup_driver: said(info.cgroup_driver.as_ref().map(|it| it as _)),
+            security_options: info.security_options.clone().unwrap_or_default(),
         }
     }
 }
@@ -157,14 +169,23 @@ impl Engine {
     }
 
     async fn at(address: &str) -> Result<Self, ProviderError> {
+        Self::answering_within(FIRST_ANSWER, address).await
+    }
+
+    async fn answering_within(patience: Duration, address: &str) -> Result<Self, ProviderError> {
         let unreachable = |error| unreachable(address, error);
-        let api = Api::connect_with_host(address).map_err(unreachable)?;
+        let exceeded = Exceeded::default();
+        let api = transport::connect(address, &exceeded).map_err(unreachable)?;
         // An engine takes some milliseconds to say what it is, since it asks its parts.
-        let (version, info, api) = tokio::join!(api.version(), api.info(), api.clone().negotiate_version());
+        let asked = async { tokio::join!(api.version(), api.info(), api.clone().negotiate_version()) };
+        let answered = tokio::time::timeout(patience, asked).await;
+        let (version, info, api) =
+            answered.map_err(|_| unreachable(Error::from(io::Error::other(Silent(patience)))))?;
         let version = version.map_err(unreachable)?;
         let info = info.map_err(unreachable)?;
         let api = api.map_err(unreachable)?;
         let parts = Parts::of(&version, &info);
+        let memory = info.mem_total.filter(|_| info.memory_limit != Some(false));
         Ok(Self {
             api,
             version: version.version.unwrap_or_default(),
@@ -173,7 +194,12 @@ impl Engine {
             architecture: version.arch.unwrap_or_default(),
             kernel: version.kernel_version.unwrap_or_default(),
             kernel_machine: info.architecture.unwrap_or_default(),
+            memory: memory
+                .and_then(|bytes| u64::try_from(bytes).ok())
+                .filter(|bytes| *bytes > 0),
             parts,
+            address: address.to_owned(),
+            exceeded,
             is_here: address.starts_with("unix://"),
             forward: None,
             workload: Arc::default(),
@@ -206,6 +232,14 @@ impl Engine {
         }
     }
 
+    /// A handle to follow one log with, and what is to be renewed with each of its frames.
+    ///
+    /// # Errors
+    /// When its address is none, which it was.
+    pub fn to_follow(&self) -> Result<(Api, Arc<Allowance>), Error> {
+        transport::connect_to_follow(&self.address, &self.api.client_version(), &self.exceeded)
+    }
+
     /// Calls again what a lost connection cut, which must be as good as calling it once.
     ///
     /// # Errors
@@ -214,6 +248,7 @@ impl Engine {
     where
         F: Future<Output = Result<T, ProviderError>>,
     {
+        let call = || async { call().await.map_err(|error| self.unless_too_long(error)) };
         patience::patiently(call)
             .await
             .map_err(|error| self.explained(error))
@@ -224,7 +259,16 @@ impl Engine {
     /// # Errors
     /// The same, when trying again does not help or was tried for long enough.
     pub fn bear(&self, patience: &mut Patience, error: ProviderError) -> Result<(), ProviderError> {
+        let error = self.unless_too_long(error);
         patience.bear(error).map_err(|error| self.explained(error))
+    }
+
+    /// What only looks like a lost connection is none.
+    fn unless_too_long(&self, error: ProviderError) -> ProviderError {
+        match (error, self.exceeded.take()) {
+            (ProviderError::Disconnected { action, .. }, Some(too_long)) => endless(too_long, &action),
+            (error, _) => error,
+        }
     }
 
     /// Why the way to it is closed, where we know more than that it is.
@@ -344,11 +388,17 @@ fn unreachable(address: &str, error: Error) -> ProviderError {
         hint: Some(how_to_reach(address, &error)),
         // The operating system's words say more than those of the layers above it.
         source: match io_error(&error) {
+            // Words of ours.
+            Some(io::ErrorKind::Other) | None => error.into(),
             Some(kind) => io::Error::from(kind).into(),
-            None => error.into(),
         },
     }
 }
+
+/// An engine took a connection and said nothing.
+#[derive(Debug, thiserror::Error)]
+#[error("it did not answer within {0:?}")]
+struct Silent(Duration);
 
 fn how_to_reach(address: &str, error: &Error) -> String {
     if !address.starts_with("unix://") {
@@ -373,20 +423,16 @@ fn how_to_reach(address: &str, error: &Error) -> String {
 const INSTALL: &str = "install Docker Engine (on Debian and Ubuntu `sudo apt-get install docker.io`) and start it, for \
                        instance with `sudo systemctl start docker`";
 
-/// The operating system's error among the causes.
+/// What the operating system said, if it said something.
 fn io_error(error: &Error) -> Option<io::ErrorKind> {
-    let mut cause: Option<&(dyn std::error::Error + 'static)> = Some(error);
-    while let Some(error) = cause {
-        if let Some(io) = error.downcast_ref::<io::Error>() {
-            return Some(io.kind());
-        }
-        cause = error.source();
-    }
-    None
+    transport::io_error(error).map(io::Error::kind)
 }
 
 /// What an error of bollard's means to us; `action` as in `creating the container x`.
 pub fn translate(action: &str, error: Error) -> ProviderError {
+    if let Some(too_long) = TooLong::behind(&error) {
+        return endless(too_long, action);
+    }
     match error {
         Error::DockerResponseServerError {
             status_code: 404,
@@ -416,6 +462,14 @@ pub fn translate(action: &str, error: Error) -> ProviderError {
             action: action.to_owned(),
             source: other.into(),
         },
+    }
+}
+
+fn endless(too_long: TooLong, action: &str) -> ProviderError {
+    ProviderError::Unsupported {
+        provider: PLATFORM.to_owned(),
+        reason: format!("{too_long}, {action}"),
+        hint: Some("see what it is that listens there, and restart it".to_owned()),
     }
 }
 
@@ -479,7 +533,10 @@ pub fn if_there<T>(action: &str, answer: Result<T, Error>) -> Result<Option<T>, 
 
 #[cfg(test)]
 mod tests {
-    use super::*;
+    use bollard::query_parameters::LogsOptionsBuilder;
+    use futures_util::StreamExt as _;
+
+    use super::{transport::tests::Hostile, *};
 
     #[rstest::rstest]
     #[case("1.41", Some((1, 41)))]
@@ -493,7 +550,11 @@ mod tests {
     async fn an_engine_that_is_not_there_is_unreachable_with_a_fix() {
         let nowhere = tempfile::tempdir().unwrap();
         let address = format!("unix://{}/docker.sock", nowhere.path().display());
-        let error = Api::connect_with_host(&address).unwrap_err();
+        let error = transport::connect(&address, &Exceeded::default())
+            .unwrap()
+            .version()
+            .await
+            .unwrap_err();
         assert!(how_to_reach(&address, &error).starts_with("install Docker Engine"));
 
         // One that listens and does not answer is installed.
@@ -502,7 +563,7 @@ mod tests {
 
         // A socket nobody listens on, as an engine leaves it that was killed.
         drop(std::os::unix::net::UnixListener::bind(nowhere.path().join("docker.sock")).unwrap());
-        let api = Api::connect_with_host(&address).unwrap();
+        let api = transport::connect(&address, &Exceeded::default()).unwrap();
         let error = api.negotiate_version().await.unwrap_err();
         assert!(
             how_to_reach(&address, &error).starts_with("the engine has ended"),
@@ -510,15 +571,73 @@ mod tests {
         );
     }
 
+    #[tokio::test]
+    async fn an_engine_that_says_what_it_is_without_end_is_unreachable_and_that_is_why() {
+        let hostile = Hostile::saying("HTTP/1.1 200 OK\r\n\r\n{\"Version\": \"", &[b'1'; 65536]);
+        let error = Engine::at(&hostile.address()).await.unwrap_err();
+        let why = workload::causes::with_causes(&error);
+        assert!(why.contains("longer than 8 MiB"), "{why}");
+    }
+
+    #[tokio::test]
+    async fn an_engine_that_takes_a_connection_and_says_nothing_is_given_up_when_its_time_is_over() {
+        let hostile = Hostile::saying("", b"");
+        let patience = Duration::from_millis(200);
+        let error = Engine::answering_within(patience, &hostile.address())
+            .await
+            .unwrap_err();
+        let why = workload::causes::with_causes(&error);
+        assert!(why.contains("did not answer within 200ms"), "{why}");
+        assert!(error.hint().unwrap().contains("does not answer"), "{error:?}");
+        assert_eq!(
+            FIRST_ANSWER,
+            Duration::from_secs(15),
+            "what docs/security.md promises"
+        );
+    }
+
+    #[tokio::test]
+    async fn a_log_whose_frame_has_no_end_is_no_lost_connection() {
+        let hostile = Hostile::saying("HTTP/1.1 200 OK\r\n\r\n", b"\x01\0\0\0\x7f\xff\xff\xff0123456789");
+        let (go, kernel) = OURS;
+        let engine = Engine {
+            address: hostile.address(),
+            ..engine("1.41", "linux", go, kernel)
+        };
+        let (api, _) = engine.to_follow().unwrap();
+        let options = LogsOptionsBuilder::default().follow(true).stdout(true).build();
+        let frame = api.logs("x", Some(options)).next().await.unwrap();
+        let error = translate("following the workload's lines", frame.unwrap_err());
+        assert!(error.is_passing(), "as bollard tells it: {error:?}");
+        let error = engine.bear(&mut Patience::default(), error).unwrap_err();
+        assert!(error.to_string().contains("longer than 4 MiB"), "{error}");
+    }
+
+    #[test]
+    fn an_answer_without_end_is_not_asked_for_again() {
+        let too_long = Error::from(io::Error::other(transport::tests::too_long()));
+        let error = translate("listing what is ours", too_long);
+        assert!(!error.is_passing(), "{error:?}");
+        assert!(
+            error
+                .to_string()
+                .contains("longer than 8 MiB, listing what is ours"),
+            "{error}"
+        );
+    }
+
     fn engine(api: &str, os: &str, architecture: &str, kernel_machine: &str) -> Engine {
         Engine {
-            api: Api::connect_with_http("http://127.0.0.1:1", 1, bollard::API_DEFAULT_VERSION).unwrap(),
+            api: transport::connect("http://127.0.0.1:1", &Exceeded::default()).unwrap(),
+            address: "http://127.0.0.1:1".to_owned(),
+            exceeded: Exceeded::default(),
             version: "20.10.24".to_owned(),
             api_version: api.to_owned(),
             os: os.to_owned(),
             architecture: architecture.to_owned(),
             kernel: String::new(),
             kernel_machine: kernel_machine.to_owned(),
+            memory: None,
             parts: Parts::default(),
             is_here: false,
             forward: None,

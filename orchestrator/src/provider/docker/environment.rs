@@ -19,7 +19,7 @@ use super::{
     engine::{Engine, if_there, is_missing, translate},
     follow::{Follower, until_ended},
 };
-use crate::provider::{Ended, Environment, ProviderError};
+use crate::provider::{Ended, Environment, EnvironmentRequest, ProviderError, data_folder::Allowance};
 
 /// A container, or what is left of it.
 #[derive(Debug)]
@@ -27,6 +27,7 @@ pub struct DockerEnvironment {
     engine: Engine,
     /// Its name, which is its volume's and its container's.
     name: String,
+    allowance: Allowance,
     facts: Map<String, Value>,
     remains: Remains,
     /// What it said last, and whether we have asked it to end.
@@ -55,10 +56,16 @@ pub enum Remains {
 
 impl DockerEnvironment {
     /// Of what there is.
-    pub const fn new(engine: Engine, name: String, facts: Map<String, Value>, remains: Remains) -> Self {
+    pub fn new(
+        engine: Engine,
+        request: &EnvironmentRequest,
+        facts: Map<String, Value>,
+        remains: Remains,
+    ) -> Self {
         Self {
             engine,
-            name,
+            name: request.environment.clone(),
+            allowance: Allowance::of(request),
             facts,
             remains,
             last: None,
@@ -81,15 +88,30 @@ impl DockerEnvironment {
     /// The end of what the workload wrote to its standard error.
     async fn last_words(&self) -> Result<String, ProviderError> {
         let options = LogsOptionsBuilder::default().stderr(true).tail("20").build();
-        let words: Vec<_> = self
+        let words: Result<Vec<_>, _> = self
             .engine
             .api
             .logs(&self.name, Some(options))
             .try_collect()
-            .await
-            .map_err(|error| translate("reading the workload's last words", error))?;
+            .await;
+        let words = match words {
+            // Somebody has removed it, or is about to. That is told when its data is wanted.
+            Err(error) if is_gone(&error) => return Ok(String::new()),
+            words => words.map_err(|error| translate("reading the workload's last words", error))?,
+        };
         Ok(words.iter().map(ToString::to_string).collect())
     }
+}
+
+/// Whether the engine says that a container does not run, is being removed, or is not there.
+fn is_gone(error: &bollard::errors::Error) -> bool {
+    matches!(
+        error,
+        bollard::errors::Error::DockerResponseServerError {
+            status_code: 404 | 409,
+            ..
+        }
+    )
 }
 
 /// How a container's main process ended, as the engine saw it.
@@ -158,11 +180,8 @@ impl Environment for DockerEnvironment {
             let answer = self.engine.api.kill_container(&self.name, Some(options)).await;
             match answer {
                 // What has ended, or is gone, needs no asking.
-                Err(bollard::errors::Error::DockerResponseServerError {
-                    status_code: 404 | 409,
-                    ..
-                })
-                | Ok(()) => Ok(()),
+                Err(error) if is_gone(&error) => Ok(()),
+                Ok(()) => Ok(()),
                 Err(error) => Err(translate("asking the workload to end", error)),
             }
         };
@@ -192,7 +211,7 @@ impl Environment for DockerEnvironment {
         };
         let engine = &self.engine;
         engine
-            .patiently(|| archive::collect(engine, container, into))
+            .patiently(|| archive::collect(engine, container, into, &self.allowance))
             .await
     }
 

@@ -126,12 +126,14 @@ impl Taken {
             .build();
         let since = Instant::now();
         let mut known = self.bytes;
-        let mut pieces = pin!(engine.api.logs(container, Some(options)));
+        let (api, allowance) = engine.to_follow().map_err(|error| translate(ACTION, error))?;
+        let mut pieces = pin!(api.logs(container, Some(options)));
         while let Some(piece) = pieces
             .try_next()
             .await
             .map_err(|error| translate(ACTION, error))?
         {
+            allowance.renew();
             self.patience.restore(Instant::now(), since);
             let piece = piece.into_bytes();
             let (before, new) = piece.split_at(known.min(piece.len()));

@@ -3,7 +3,7 @@
 use std::{fmt, path::Path};
 
 use schemars::JsonSchema;
-use serde::{Deserialize, Serialize};
+use serde::{Deserialize, Deserializer, Serialize, de::DeserializeOwned};
 use workload::quantity::{Bytes, TimeSpan};
 
 use super::container::DATA;
@@ -15,15 +15,19 @@ pub struct DockerSettings {
     /// An image that the engine has already, for instance `debian:12`, to run the workload in. The workload is copied
     /// into the container, so that any Linux image of the host's architecture does. It is never pulled: a run must not
     /// depend on what a registry answers today. Left out, an image with nothing but the workload is built.
-    #[serde(skip_serializing_if = "Option::is_none")]
+    #[serde(skip_serializing_if = "Option::is_none", deserialize_with = "image")]
     pub image: Option<String>,
     /// A program of the image with its arguments, such as `[with-openvswitch]`. The workload's own command line follows
     /// them, and the program becomes it when it has done what it is for (`exec "$@"` of a shell).
     #[serde(skip_serializing_if = "Vec::is_empty")]
     pub entrypoint: Vec<String>,
-    /// Rights of the container's processes beside the five that every container of ours has, such as `[SETGID]`.
+    /// Rights of the container's processes beside the six that every container of ours has, such as `[SETGID]`.
     #[serde(skip_serializing_if = "Vec::is_empty")]
     pub capabilities: Vec<Capability>,
+    /// System calls beside those that the programs of every container of ours have: `[mount]` for Mininet. Who controls the
+    /// image then controls the engine's host, unless AppArmor, SELinux or a user namespace is in the way.
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    pub system_calls: Vec<SystemCalls>,
     /// Folders of the container that can be written, such as `[/run, /tmp]`: each is empty and in memory. All others but
     /// the data's are read only.
     #[serde(skip_serializing_if = "Vec::is_empty")]
@@ -33,19 +37,157 @@ pub struct DockerSettings {
     #[serde(skip_serializing_if = "Option::is_none")]
     pub apparmor: Option<String>,
     /// How many processors a container may use, such as `1.5`; all of them when left out.
-    #[serde(skip_serializing_if = "Option::is_none")]
+    #[serde(skip_serializing_if = "Option::is_none", deserialize_with = "cpus")]
     pub cpus: Option<f64>,
     /// The processors a container may use, such as `0-1,3`; all of them when left out.
-    #[serde(skip_serializing_if = "Option::is_none")]
+    #[serde(skip_serializing_if = "Option::is_none", deserialize_with = "cpuset")]
     pub cpuset: Option<String>,
-    /// How much memory a container may use; all of it when left out.
-    #[serde(skip_serializing_if = "Option::is_none")]
+    /// How much memory a container may use; three quarters of the machine's when left out.
+    #[serde(skip_serializing_if = "Option::is_none", deserialize_with = "memory")]
     pub memory: Option<Bytes>,
     /// How much of each second the loops may run with real-time priority, such as `900ms`. Needed, and possible, only
     /// where the kernel divides real-time among groups (RT_GROUP_SCHED, cgroup v1) and the engine was started with
     /// `--cpu-rt-runtime`. Where the priority is refused, the workload records it and goes on without.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub realtime_runtime: Option<TimeSpan>,
+}
+
+/// What a container's programs may call only where a matrix file asks for it.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
+#[serde(rename_all = "snake_case")]
+pub enum SystemCalls {
+    /// `mount` and `umount`, and namespaces of every kind: Mininet gives each of its hosts a `/sys` of its own.
+    Mount,
+}
+
+impl SystemCalls {
+    /// Their names for a seccomp profile.
+    #[must_use]
+    pub const fn names(self) -> &'static [&'static str] {
+        match self {
+            Self::Mount => &["mount", "umount", "umount2", "unshare", "setns"],
+        }
+    }
+}
+
+impl fmt::Display for SystemCalls {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str(match self {
+            Self::Mount => "mount",
+        })
+    }
+}
+
+/// Something that a matrix file asks for, for its containers, beyond what every container of ours may do.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize)]
+pub struct AskedRight {
+    /// Where it stands in the file, such as `providers.docker.capabilities`.
+    pub setting: &'static str,
+    /// What is asked for, such as `SETGID`.
+    pub asked: String,
+    /// What that means for the engine's host.
+    pub means: &'static str,
+}
+
+impl DockerSettings {
+    /// What containers may do beyond what every container of ours may.
+    #[must_use]
+    pub fn asked_rights(&self) -> Vec<AskedRight> {
+        let list = |asked: Vec<String>| (!asked.is_empty()).then(|| asked.join(", "));
+        let rights = [
+            (
+                "providers.docker.capabilities",
+                list(self.capabilities.iter().map(ToString::to_string).collect()),
+                "rights of root's (capabilities(7)) for the programs of the image",
+            ),
+            (
+                "providers.docker.system_calls",
+                list(self.system_calls.iter().map(ToString::to_string).collect()),
+                "who controls the image controls the engine's host, unless AppArmor, SELinux or a user namespace is in the way",
+            ),
+            (
+                "providers.docker.apparmor",
+                self.apparmor.clone(),
+                "the programs of the image are confined by this profile of AppArmor and not by the engine's",
+            ),
+        ];
+        let asked = rights.into_iter();
+        asked
+            .filter_map(|(setting, asked, means)| {
+                Some(AskedRight {
+                    setting,
+                    asked: asked?,
+                    means,
+                })
+            })
+            .collect()
+    }
+}
+
+/// More processors no machine has.
+const MOST_CPUS: f64 = 65_536.0;
+/// An engine refuses less.
+const LEAST_MEMORY: u64 = 6 << 20;
+
+fn image<'de, D: Deserializer<'de>>(from: D) -> Result<Option<String>, D::Error> {
+    // The name stands in an address of the engine's API.
+    let is_name = |it: &String| {
+        let plain = |byte: u8| byte.is_ascii_alphanumeric() || b"._-/:@".contains(&byte);
+        it.len() <= 255 && it.bytes().all(plain) && it.starts_with(|it: char| it.is_ascii_alphanumeric())
+    };
+    checked(
+        from,
+        is_name,
+        "is not the name of an image: write one such as `debian:12`",
+    )
+}
+
+fn cpus<'de, D: Deserializer<'de>>(from: D) -> Result<Option<f64>, D::Error> {
+    // Of a NaN an engine makes no limit.
+    let is_number = |it: &f64| (0.01..=MOST_CPUS).contains(it);
+    checked(
+        from,
+        is_number,
+        "is no number of processors: write one from 0.01 on, such as `1.5`",
+    )
+}
+
+fn cpuset<'de, D: Deserializer<'de>>(from: D) -> Result<Option<String>, D::Error> {
+    let is_range = |it: &str| {
+        let number =
+            |it: &str| !it.is_empty() && it.len() <= 5 && it.bytes().all(|byte| byte.is_ascii_digit());
+        match it.split_once('-') {
+            Some((first, last)) => number(first) && number(last),
+            None => number(it),
+        }
+    };
+    let is_set = |it: &String| it.len() <= 1000 && it.split(',').all(is_range);
+    checked(
+        from,
+        is_set,
+        "is no list of processors: write one such as `0-1,3`",
+    )
+}
+
+fn memory<'de, D: Deserializer<'de>>(from: D) -> Result<Option<Bytes>, D::Error> {
+    let is_enough = |it: &Bytes| it.get() >= LEAST_MEMORY;
+    checked(
+        from,
+        is_enough,
+        "is less than a container can have: write `6MiB` or more",
+    )
+}
+
+/// Reads what may be left out and is otherwise right.
+fn checked<'de, T, D>(from: D, is_right: impl Fn(&T) -> bool, wrong: &str) -> Result<Option<T>, D::Error>
+where
+    T: DeserializeOwned + fmt::Display,
+    D: Deserializer<'de>,
+{
+    match Option::<T>::deserialize(from)? {
+        Some(given) if !is_right(&given) => Err(serde::de::Error::custom(format!("`{given}` {wrong}"))),
+        given => Ok(given),
+    }
 }
 
 /// A part of root's rights, by its name in capabilities(7) without `CAP_`, such as `SETGID`.
@@ -130,6 +272,54 @@ mod tests {
     #[case("", false)]
     fn a_capability_is_one_of_linuxs(#[case] name: &str, #[case] is_one: bool) {
         assert_eq!(Capability::try_from(name.to_owned()).is_ok(), is_one);
+    }
+
+    #[rstest::rstest]
+    #[case(r#"{"cpus": 1.5}"#, true)]
+    #[case(r#"{"cpus": 0}"#, false)]
+    #[case(r#"{"cpus": -1}"#, false)]
+    #[case(r#"{"cpus": 1e300}"#, false)]
+    #[case(r#"{"cpuset": "0-1,3"}"#, true)]
+    #[case(r#"{"cpuset": "0; rm"}"#, false)]
+    #[case(r#"{"cpuset": ""}"#, false)]
+    #[case(r#"{"memory": "512MiB"}"#, true)]
+    #[case(r#"{"memory": "0B"}"#, false)]
+    #[case(r#"{"image": "registry.example.org:5000/a/b:1.0"}"#, true)]
+    #[case(r#"{"image": "debian@sha256:0123"}"#, true)]
+    #[case(r#"{"image": "../../containers/x/kill?"}"#, false)]
+    #[case(r#"{"image": "a b"}"#, false)]
+    fn what_an_engine_would_take_for_something_else_is_refused(#[case] given: &str, #[case] is_right: bool) {
+        assert_eq!(serde_json::from_str::<DockerSettings>(given).is_ok(), is_right);
+    }
+
+    #[test]
+    fn what_a_file_asks_for_is_listed_and_an_ordinary_one_asks_for_nothing() {
+        assert_eq!(DockerSettings::default().asked_rights(), []);
+        let settings: DockerSettings = serde_yaml::from_str(
+            "{capabilities: [SETGID, CHOWN], system_calls: [mount], apparmor: unconfined, writable: [/run]}",
+        )
+        .unwrap();
+        let asked: Vec<_> = settings
+            .asked_rights()
+            .into_iter()
+            .map(|right| (right.setting, right.asked))
+            .collect();
+        let wanted = [
+            ("providers.docker.capabilities", "SETGID, CHOWN"),
+            ("providers.docker.system_calls", "mount"),
+            ("providers.docker.apparmor", "unconfined"),
+        ];
+        assert_eq!(asked, wanted.map(|(setting, asked)| (setting, asked.to_owned())));
+        assert!(serde_yaml::from_str::<DockerSettings>("system_calls: [bpf]").is_err());
+    }
+
+    #[test]
+    fn no_number_is_no_number_of_processors() {
+        let wrong = serde_yaml::from_str::<DockerSettings>("cpus: .nan").unwrap_err();
+        assert!(
+            wrong.to_string().contains("is no number of processors"),
+            "{wrong}"
+        );
     }
 
     #[rstest::rstest]

@@ -8,11 +8,13 @@ use std::{
     fs,
     io::{self, Write as _},
     path::{Path, PathBuf},
+    time::Duration,
 };
 
 use async_trait::async_trait;
 use serde::{Deserialize, Serialize};
 use serde_json::{Map, Value, json};
+use tokio::time::Instant;
 use workload::record::{FORMAT, platform::PlatformRecord, progress::Progress, window::Verdict};
 
 use super::{
@@ -20,8 +22,10 @@ use super::{
     window::{self, FakeWindow, Noise},
 };
 use crate::provider::{
-    Ended, Environment, EnvironmentRequest, ProviderError, data_folder,
-    environment_directory::EnvironmentDirectory, lines::Lines,
+    Ended, Environment, EnvironmentRequest, ProviderError,
+    data_folder::{self, Allowance},
+    environment_directory::EnvironmentDirectory,
+    lines::Lines,
 };
 
 /// How the workload ended, on the disk.
@@ -42,9 +46,14 @@ pub struct FakeEnvironment {
     earlier: Vec<Progress>,
     /// How many lines the file has.
     said: usize,
+    /// Of the window under way, in this process.
+    window_began: Option<Instant>,
     end: Option<End>,
     ran: bool,
 }
+
+/// As the workload does, which says how it is each second.
+const HEALTH_EVERY: Duration = Duration::from_secs(1);
 
 /// All that the workload does and says if nothing happens, in order.
 fn script(windows: &[u32]) -> Vec<Progress> {
@@ -104,6 +113,7 @@ impl FakeEnvironment {
             settings: settings.clone(),
             earlier,
             said,
+            window_began: None,
             end,
         })
     }
@@ -129,9 +139,25 @@ impl FakeEnvironment {
 
     /// A window, or what is to go wrong in it.
     async fn measure(&mut self, window: u32, done: Progress) -> Result<Option<Progress>, ProviderError> {
-        // Cancelled here, nothing has happened yet: the window begins anew with the next call.
-        tokio::time::sleep(self.settings.window_takes.duration()).await;
         let whole = self.request.settings.steps_per_window();
+        // Cancelled here, nothing has happened yet: the window goes on with the next call.
+        let begun = *self.window_began.get_or_insert_with(Instant::now);
+        let left = self
+            .settings
+            .window_takes
+            .duration()
+            .saturating_sub(begun.elapsed());
+        tokio::time::sleep(left.min(HEALTH_EVERY)).await;
+        if left > HEALTH_EVERY {
+            return Ok(Some(Progress::Health {
+                window,
+                steps_done: 0,
+                steps_expected: whole,
+                missed_deadlines: 0,
+                worst_lateness_ns: 0,
+            }));
+        }
+        self.window_began = None;
         match self.fault_in(window) {
             Some(FaultPoint::Measure) => {
                 self.write_window(window, whole / 2, true)?;
@@ -290,7 +316,7 @@ impl Environment for FakeEnvironment {
                 reason: "an environment was collected into a folder that is not empty",
             });
         }
-        data_folder::copy(&self.directory.data(), into)
+        data_folder::copy(&self.directory.data(), into, &Allowance::of(&self.request))
     }
 
     async fn discard(self: Box<Self>) -> Result<(), ProviderError> {

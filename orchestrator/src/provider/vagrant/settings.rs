@@ -8,6 +8,8 @@ use serde::{Deserialize, Serialize};
 use serde_json::Value;
 use workload::quantity::{Bytes, TimeSpan};
 
+use super::options::{self, Refusal};
+
 /// How the machines of one of Vagrant's providers are made.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields, default)]
@@ -33,10 +35,47 @@ pub struct VagrantSettings {
     pub guest: Option<String>,
     /// Whether Vagrant puts a key of its own in place of the one that everybody has.
     pub insert_key: bool,
-    /// Settings of the provider itself, by the names that its documentation gives them, such as `driver: qemu` for libvirt.
-    /// `customize` is a list of VirtualBox's commands, with `:id` for the machine.
+    /// Settings of the provider itself, by the names that its documentation gives them, such as `driver: qemu` for libvirt: those
+    /// that say how the guest is made, and none by which its host runs programs or shares files. `customize` is a list of
+    /// VirtualBox's commands, with `:id` for the machine.
     #[serde(skip_serializing_if = "BTreeMap::is_empty")]
     pub options: BTreeMap<String, Value>,
+}
+
+impl VagrantSettings {
+    /// What of it a matrix file may not set: where it stands below the provider's name, and why.
+    #[must_use]
+    pub fn refusals(&self, provider: &str) -> Vec<(String, Refusal)> {
+        let mut refusals = Vec::new();
+        let is_name = |part: &str| options::is_word(part) && !part.starts_with('.');
+        // Vagrant takes an address or a file for a box, too, and runs what is in it.
+        let parts: Vec<&str> = self.name.split('/').collect();
+        if parts.len() > 2 || !parts.into_iter().all(is_name) {
+            refusals.push((
+                "box".to_owned(),
+                Refusal {
+                    reason: format!("`{}` is not the name of a box", self.name),
+                    instead: "`vagrant box add` it first, and write its name, such as `matrix/debian-12`"
+                        .to_owned(),
+                },
+            ));
+        }
+        if let Some(card) = self.network_card.as_ref().filter(|card| !is_name(card)) {
+            refusals.push((
+                "network_card".to_owned(),
+                Refusal {
+                    reason: format!("`{card}` is not the model of a network card"),
+                    instead: "write one word, such as `virtio`".to_owned(),
+                },
+            ));
+        }
+        let options = self.options.iter().filter_map(|(name, value)| {
+            let refusal = options::refusal(provider, name, value)?;
+            Some((format!("options.{name}"), refusal))
+        });
+        refusals.extend(options);
+        refusals
+    }
 }
 
 impl Default for VagrantSettings {
@@ -52,5 +91,23 @@ impl Default for VagrantSettings {
             insert_key: true,
             options: BTreeMap::new(),
         }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[rstest::rstest]
+    #[case::ordinary("{box: matrix/debian-12, network_card: virtio, options: {driver: qemu}}", &[])]
+    #[case::address("{box: 'https://example.org/a.box'}", &["box"])]
+    #[case::file("{box: ./b.box}", &["box"])]
+    #[case::deeper_file("{box: a/b/c.box}", &["box"])]
+    #[case::xml("{network_card: \"x'/><disk/>\", options: {uri: x}}", &["network_card", "options.uri"])]
+    fn what_may_not_be_set_is_told_with_its_place(#[case] yaml: &str, #[case] places: &[&str]) {
+        let settings: VagrantSettings = serde_yaml::from_str(yaml).unwrap();
+        let refusals = settings.refusals("libvirt");
+        let told: Vec<&str> = refusals.iter().map(|(place, _)| place.as_str()).collect();
+        assert_eq!(told, places);
     }
 }

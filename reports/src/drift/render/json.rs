@@ -29,8 +29,17 @@ impl Drift {
                 finding.in_words(judgement.metric)
             ));
         }
-        json!({"text": lines.join("\n"), "drift": self.json()})
+        json!({"text": plain(&lines.join("\n")), "drift": self.json()})
     }
+}
+
+/// Text that chat services show as it is: what a host says of itself mentions nobody and links to nothing. In all of them the three
+/// characters are written as in HTML, as in
+/// <https://api.slack.com/reference/surfaces/formatting#escaping>.
+fn plain(text: &str) -> String {
+    text.replace('&', "&amp;")
+        .replace('<', "&lt;")
+        .replace('>', "&gt;")
 }
 
 fn judgement(judgement: &Judgement) -> Value {

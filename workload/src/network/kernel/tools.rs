@@ -61,8 +61,12 @@ impl fmt::Display for Transcript {
 /// # Errors
 /// If it is not installed or fails.
 pub fn run(namespace: &Namespace, program: &'static str, words: &[&str]) -> Result<String, NetworkError> {
+    let words: Vec<String> = words.iter().map(ToString::to_string).collect();
     // A child begins in the namespace of the thread that started it.
-    namespace.within(|| run_here(program, words))
+    namespace.within(move || {
+        let words: Vec<&str> = words.iter().map(String::as_str).collect();
+        run_here(program, &words)
+    })
 }
 
 /// Runs a program in the calling thread's namespace to its end; what it printed.

@@ -60,8 +60,8 @@ impl MininetError {
                  openvswitch-testcontroller ethtool`; in Docker, name the image of `dockerfiles/mininet/build`",
             ),
             Self::Refused { .. } => Some(
-                "use `backend: userspace`, or let the workload mount file systems: in Docker with `apparmor: unconfined` \
-                 under `providers.docker`",
+                "use `backend: userspace`, or let the workload mount file systems: in Docker with `system_calls: \
+                 [mount]` under `providers.docker`, and where the engine's host has AppArmor with `apparmor: unconfined`",
             ),
             Self::Service { .. } => Some(
                 "start it: `systemctl start openvswitch-switch`, where there is no systemd \
@@ -80,7 +80,7 @@ mod tests {
     #[rstest::rstest]
     #[case(MininetError::NotRoot, "run as root")]
     #[case(MininetError::Missing { what: "mnexec".into() }, "apt-get install mininet")]
-    #[case(MininetError::Refused { said: "mount: Permission denied".into() }, "apparmor: unconfined")]
+    #[case(MininetError::Refused { said: "mount: Permission denied".into() }, "system_calls: [mount]")]
     #[case(MininetError::Service { said: "no such file".into() }, "systemctl start openvswitch-switch")]
     fn what_a_user_can_mend_comes_with_its_fix(#[case] error: MininetError, #[case] fix: &str) {
         let hint = error.hint().unwrap();

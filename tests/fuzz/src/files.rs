@@ -1,23 +1,24 @@
-//! What reads files in `reports`, and what is asked of it whatever it is given: an answer or an error with a hint, and no panic.
-
-mod recorded;
+//! Logs, captures and records, a file alone.
 
 use std::{fs, io::Cursor, path::PathBuf};
 
-pub use recorded::report;
 use reports::{
     ReadError,
     packets::{CaptureFile, CaptureReadError, Segment},
     run_directory::{
-        ControlTrace, EnvironmentRecord, Expected, FORMAT, Journal, Manifest, PlanRecord, read_record,
+        ControlTrace, EnvironmentRecord, Expected, FORMAT, Journal, Manifest, Place, PlanRecord, read_record,
     },
 };
 use sha2::{Digest, Sha256};
-use workload::record::window::{FileRecord, WindowRecord};
+use workload::{
+    experiment::message::{CommandMessage, StateMessage},
+    record::window::{FileRecord, WindowRecord},
+    settings::Messages,
+};
 
 /// Reads the bytes as a control log that is as it was measured, with as many steps as it has lines.
 pub fn control_log(bytes: &[u8]) {
-    let path = written("control.csv", bytes);
+    let place = written("control.csv", bytes);
     let record = FileRecord {
         name: "control.csv".to_owned(),
         bytes: bytes.len() as u64,
@@ -40,7 +41,7 @@ pub fn control_log(bytes: &[u8]) {
             steps_per_period,
             file: &record,
         };
-        match ControlTrace::read(&path, expected, None) {
+        match ControlTrace::read(&place, expected, None) {
             Ok(trace) => {
                 assert_eq!(trace.periods.len() as u64, steps / steps_per_period);
                 assert!(
@@ -87,14 +88,29 @@ fn packets_of(opened: Result<CaptureFile, CaptureReadError>) {
     }
 }
 
+/// Reads the bytes as a state and as a command of each kind, in the wrapping of a `std_msgs/String` too.
+pub fn messages(bytes: &[u8]) {
+    let length = u32::try_from(bytes.len()).unwrap_or_default().to_le_bytes();
+    for message in [bytes, &[&length[..], bytes].concat()] {
+        for kind in [Messages::Text, Messages::Positions, Messages::Rates] {
+            if let Some(state) = StateMessage::decode(kind, message) {
+                assert!(state.to_values().iter().all(|value| value.is_finite()));
+            }
+            if let Some(command) = CommandMessage::decode(kind, message) {
+                assert!(command.to_values().iter().all(|value| value.is_finite()));
+            }
+        }
+    }
+}
+
 /// Reads the bytes as each of the files of a run directory.
 pub fn run_directory(bytes: &[u8]) {
-    let path = written("record.json", bytes);
-    told(Journal::read(&path));
-    told(read_record::<Manifest>(&path, FORMAT));
-    told(read_record::<PlanRecord>(&path, FORMAT));
-    told(read_record::<EnvironmentRecord>(&path, FORMAT));
-    told(read_record::<WindowRecord>(&path, workload::record::FORMAT));
+    let place = written("record.json", bytes);
+    told(Journal::read(&place));
+    told(read_record::<Manifest>(&place, FORMAT));
+    told(read_record::<PlanRecord>(&place, FORMAT));
+    told(read_record::<EnvironmentRecord>(&place, FORMAT));
+    told(read_record::<WindowRecord>(&place, workload::record::FORMAT));
 }
 
 fn told<T>(read: Result<T, ReadError>) {
@@ -104,14 +120,14 @@ fn told<T>(read: Result<T, ReadError>) {
 }
 
 /// A file with these bytes, in memory where there is such a folder.
-fn written(name: &str, bytes: &[u8]) -> PathBuf {
+fn written(name: &str, bytes: &[u8]) -> Place {
     let memory = PathBuf::from("/dev/shm");
     let folder = if memory.is_dir() {
         memory
     } else {
         std::env::temp_dir()
     };
-    let path = folder.join(format!("matrix-fuzz-{}-{name}", std::process::id()));
-    fs::write(&path, bytes).expect("there is room");
-    path
+    let place = Place::root(folder).join(format!("matrix-fuzz-{}-{name}", std::process::id()));
+    fs::write(place.path(), bytes).expect("there is room");
+    place
 }

@@ -1,5 +1,7 @@
 //! Room on disks for the windows to come, looked at before an environment is made. The main function is [`windows_take`].
 
+use std::io;
+
 use workload::settings::Settings;
 
 /// What a control step leaves on the disk of its host: a line of the log (297 bytes measured) and the packets of a state
@@ -17,6 +19,29 @@ pub fn windows_take(settings: &Settings, windows: usize) -> u64 {
         .saturating_mul(BYTES_PER_STEP)
         .saturating_add(BYTES_PER_WINDOW);
     window.saturating_mul(windows as u64)
+}
+
+/// More than so many windows ever leave in a data folder, whatever is sent again and however much is said of it.
+#[must_use]
+pub fn windows_take_at_most(settings: &Settings, windows: usize) -> u64 {
+    const TIMES: u64 = 20;
+    const BESIDE_WINDOWS: u64 = 1 << 30;
+    windows_take(settings, windows)
+        .saturating_mul(TIMES)
+        .saturating_add(BESIDE_WINDOWS)
+}
+
+/// What to do about a run directory that could not be read or written.
+#[must_use]
+pub fn hint(error: &io::Error) -> String {
+    let first = match error.kind() {
+        io::ErrorKind::StorageFull | io::ErrorKind::QuotaExceeded => "make room on the disk",
+        io::ErrorKind::PermissionDenied | io::ErrorKind::ReadOnlyFilesystem => {
+            "see that you may write to the run directory and all that is in it"
+        }
+        _ => "see that the run directory's disk is sound and can be read and written",
+    };
+    format!("{first}, and `matrix resume`")
 }
 
 /// Bytes in words, in decimal units as `df -H` and disks have them.
@@ -46,6 +71,14 @@ mod tests {
     #[case(1_500_000_000_000, "1.5 TB")]
     fn bytes_are_said_in_the_unit_that_fits(#[case] bytes: u64, #[case] words: &str) {
         assert_eq!(in_words(bytes), words);
+    }
+
+    #[rstest::rstest]
+    #[case(io::ErrorKind::StorageFull, "make room")]
+    #[case(io::ErrorKind::PermissionDenied, "may write")]
+    #[case(io::ErrorKind::Other, "can be read")]
+    fn room_is_to_be_made_only_where_there_is_none(#[case] kind: io::ErrorKind, #[case] words: &str) {
+        assert!(hint(&kind.into()).contains(words));
     }
 
     #[test]

@@ -1,0 +1,154 @@
+//! Gives what others wrote to what reads it, without a host, an engine or a terminal.
+
+use std::path::Path;
+
+use workload::{
+    record::{
+        detached::{AlreadyThere, Ending, Failure, Host, LeaseAnswer, Listed, Removed, Started, Stopping},
+        progress::Progress,
+    },
+    settings::Settings,
+};
+
+use crate::{
+    command::drift,
+    host::ssh::{SshClient, configuration},
+    matrix_file::{self, MatrixFile},
+    observer::plain_log,
+    plan::{self, order::Order, selection::Selection},
+    provider::{
+        EnvironmentRequest,
+        data_folder::{self, Allowance},
+        detached::transfer,
+        lines::Lines,
+        trial,
+        vagrant::{output, ssh_config},
+    },
+    survey,
+};
+
+/// A matrix file, read and planned as `matrix check` does.
+pub fn matrix_file(bytes: &[u8]) {
+    match MatrixFile::parse("matrix.yaml", bytes, None) {
+        Ok(file) => {
+            let facts = survey::unasked(&file);
+            match plan::plan(&file, &facts, &Selection::default(), Order::Randomised, 1) {
+                Ok(plan) => assert!(plan.record.scenarios.len() <= 1000),
+                Err(found) => assert!(!found.is_empty()),
+            }
+        }
+        Err(found) => {
+            assert!(!found.is_empty());
+            let _ = (found.to_json(), found.to_string());
+        }
+    }
+}
+
+/// `drift.yaml`.
+pub fn drift_file(bytes: &[u8]) {
+    if let Ok(text) = matrix_file::within_limits("drift.yaml", bytes) {
+        let _ = drift::acknowledgements(&text).map(|known| known.problems());
+    }
+}
+
+/// What a workload says, in pieces, and the lines that a person reads of it.
+pub fn progress(bytes: &[u8]) {
+    let mut lines = Lines::default();
+    for piece in bytes.chunks(100) {
+        lines.push(piece);
+        while let Ok(Some(said)) = lines.next_line() {
+            let _ = serde_json::to_string::<Progress>(&said);
+            let event = reports::run_directory::Event::Workload {
+                scenario: "s".to_owned(),
+                progress: said,
+            };
+            let line = plain_log::line(&event).unwrap_or_default();
+            assert!(!line.contains(char::is_control), "{line:?}");
+        }
+    }
+}
+
+/// Each of the answers of a host.
+pub fn answers(bytes: &[u8]) {
+    fn any<T: serde::de::DeserializeOwned + serde::Serialize>(bytes: &[u8]) {
+        if let Ok(answer) = serde_json::from_slice::<T>(bytes) {
+            let _ = serde_json::to_string(&answer);
+        }
+    }
+    any::<Started>(bytes);
+    any::<Ending>(bytes);
+    any::<Stopping>(bytes);
+    any::<Removed>(bytes);
+    any::<Listed>(bytes);
+    any::<Host>(bytes);
+    any::<Failure>(bytes);
+    any::<LeaseAnswer>(bytes);
+    if let Ok(record) = trial::answer(bytes) {
+        let _ = trial::availability(&record);
+    }
+}
+
+/// The data folder of a host's environment, as it is sent: nothing else is written.
+pub fn host_archive(bytes: &[u8]) {
+    alone_in_a_folder(|into| {
+        let _ = transfer::unpack(bytes, &AlreadyThere::new(), into, &allowance());
+    });
+}
+
+/// The data folder of a container, as an engine sends it: nothing else is written.
+pub fn engine_archive(bytes: &[u8]) {
+    alone_in_a_folder(|into| {
+        let _ = data_folder::unpack(bytes, "data", into, &allowance());
+    });
+}
+
+/// That of an environment with two windows.
+fn allowance() -> Allowance {
+    Allowance::of(&EnvironmentRequest {
+        environment: "e".to_owned(),
+        run: "r".to_owned(),
+        run_directory: "/runs/r".into(),
+        scenario: "s".to_owned(),
+        host: "here".to_owned(),
+        settings: Settings::default(),
+        windows: vec![1, 2],
+    })
+}
+
+/// Unpacks into a folder beside which nothing appears, and in which no link is.
+fn alone_in_a_folder(unpack: impl FnOnce(&Path)) {
+    let Ok(folder) = tempfile::tempdir_in("/dev/shm") else {
+        return;
+    };
+    let into = folder.path().join("into");
+    let made = std::fs::create_dir(&into);
+    unpack(&into);
+    let beside = std::fs::read_dir(folder.path()).map_or(0, Iterator::count);
+    assert!(made.is_ok() && beside == 1, "something is beside the folder");
+    let mut folders = vec![into];
+    while let Some(folder) = folders.pop() {
+        for entry in std::fs::read_dir(folder).into_iter().flatten().flatten() {
+            let kind = entry.file_type();
+            assert!(kind.as_ref().is_ok_and(|kind| kind.is_dir() || kind.is_file()));
+            if kind.is_ok_and(|kind| kind.is_dir()) {
+                folders.push(entry.path());
+            }
+        }
+    }
+}
+
+/// What `ssh -G` prints.
+pub fn ssh_configuration(bytes: &[u8]) {
+    let client = SshClient::of_this_user();
+    let _ = configuration::Answer::read(&String::from_utf8_lossy(bytes), &client);
+}
+
+/// What Vagrant prints.
+pub fn vagrant(bytes: &[u8]) {
+    let printed = String::from_utf8_lossy(bytes);
+    for line in output::read(&printed) {
+        let _ = output::value(std::slice::from_ref(&line), &line.kind);
+    }
+    let _ = output::complaint(&printed, &printed);
+    let _ = ssh_config::read(&printed);
+}
