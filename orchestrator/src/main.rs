@@ -9,7 +9,7 @@ use orchestrator::{
     exit::Exit,
     terminal::{self, Complaint},
 };
-use workload::descriptors;
+use workload::limits;
 
 fn main() -> ExitCode {
     let arguments = Arguments::parse();
@@ -18,7 +18,8 @@ fn main() -> ExitCode {
         true => terminal::json(&complaint.to_json()),
         false => terminal::complain(complaint),
     };
-    if let Err(error) = descriptors::make_room() {
+    limits::fail_at_the_longest_file();
+    if let Err(error) = limits::check() {
         let complaint = Complaint::new(Exit::Infrastructure, &error, Some(error.hint()));
         complain(&complaint);
         return complaint.exit.into();

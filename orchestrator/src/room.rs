@@ -2,7 +2,7 @@
 
 use std::io;
 
-use workload::settings::Settings;
+use workload::{limits, settings::Settings};
 
 /// What a control step leaves on the disk of its host: a line of the log (297 bytes measured) and the packets of a state
 /// and a command on three virtual hosts (1 245 bytes), with a little more for retransmissions. In the run directory
@@ -34,13 +34,12 @@ pub fn windows_take_at_most(settings: &Settings, windows: usize) -> u64 {
 /// What to do about a run directory that could not be read or written.
 #[must_use]
 pub fn hint(error: &io::Error) -> String {
-    let first = match error.kind() {
-        io::ErrorKind::StorageFull | io::ErrorKind::QuotaExceeded => "make room on the disk",
+    let first = limits::room_hint(error).unwrap_or(match error.kind() {
         io::ErrorKind::PermissionDenied | io::ErrorKind::ReadOnlyFilesystem => {
             "see that you may write to the run directory and all that is in it"
         }
         _ => "see that the run directory's disk is sound and can be read and written",
-    };
+    });
     format!("{first}, and `matrix resume`")
 }
 
@@ -75,6 +74,7 @@ mod tests {
 
     #[rstest::rstest]
     #[case(io::ErrorKind::StorageFull, "make room")]
+    #[case(io::ErrorKind::FileTooLarge, "ulimit -f")]
     #[case(io::ErrorKind::PermissionDenied, "may write")]
     #[case(io::ErrorKind::Other, "can be read")]
     fn room_is_to_be_made_only_where_there_is_none(#[case] kind: io::ErrorKind, #[case] words: &str) {

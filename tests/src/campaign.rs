@@ -151,7 +151,7 @@ const CAMPAIGNS: &[Campaign] = &[
     Campaign {
         name: "native: asked to stop after each journal line",
         side_by_side: WAITING,
-        left_out: Some("a run that is asked to stop once all is measured says that it was interrupted"),
+        left_out: None,
         points: || kills::asked_to_stop(Platform::Native, Signal::SIGTERM),
     },
     Campaign {
@@ -207,19 +207,19 @@ const CAMPAIGNS: &[Campaign] = &[
     Campaign {
         name: "native: limits of files, lengths, memory",
         side_by_side: WAITING,
-        left_out: Some("too few file descriptors are told as the experiment's failure"),
+        left_out: None,
         points: || limits::below_limits(Platform::Native),
     },
     Campaign {
         name: "native: workload stands still",
         side_by_side: WAITING,
-        left_out: Some("a workload that stands still is waited for in silence"),
+        left_out: None,
         points: || limits::workload_stands_still(Platform::Native),
     },
     Campaign {
         name: "native: resumed with another state folder",
         side_by_side: WAITING,
-        left_out: Some("a run does not say which state folder it was begun with"),
+        left_out: None,
         points: || limits::another_state_folder(Platform::Native),
     },
     Campaign {

@@ -345,8 +345,8 @@ fn a_run_goes_on_with_the_state_folder_that_it_was_begun_with_and_no_other() {
     assert_eq!(windows_done(&workplace, path), [4, 4]);
 }
 
-/// `matrix` with so few files that it may open.
-fn with_open_files(workplace: &Workplace, limit: &str, arguments: &str) -> Ran {
+/// `matrix` below a limit, as the shell's `ulimit` has it.
+fn below(workplace: &Workplace, limit: &str, arguments: &str) -> Ran {
     let matrix = workplace.matrix(["--version"]);
     let mut shell = Command::new("bash");
     shell.args(["-c", &format!("ulimit {limit} && exec \"$0\" {arguments}")]);
@@ -359,15 +359,41 @@ fn with_open_files(workplace: &Workplace, limit: &str, arguments: &str) -> Ran {
 fn too_few_open_files_are_told_before_anything_is_made_and_are_not_the_experiments_fault() {
     let workplace = Workplace::new();
     workplace.write("m.yaml", FAKE);
-    let refused = with_open_files(&workplace, "-n 24", "run m.yaml");
+    let refused = below(&workplace, "-n 24", "run m.yaml");
     assert_eq!(refused.code, Some(3), "{refused:?}");
     for words in ["may open 24 files", "ulimit -n"] {
         assert!(refused.err.contains(words), "{refused:?}");
     }
     assert!(!workplace.path().join("runs").exists());
     // A limit that may be raised is.
-    let ran = with_open_files(&workplace, "-S -n 24", "run m.yaml");
+    let ran = below(&workplace, "-S -n 24", "run m.yaml");
     assert_eq!(ran.code, Some(0), "{ran:?}");
+}
+
+#[test]
+fn too_little_address_space_is_told_before_anything_is_made() {
+    let workplace = Workplace::new();
+    workplace.write("m.yaml", FAKE);
+    let refused = below(&workplace, "-v 300000", "run m.yaml");
+    assert_eq!(refused.code, Some(3), "{refused:?}");
+    for words in ["292 MiB of address space", "ulimit -v unlimited"] {
+        assert!(refused.err.contains(words), "{refused:?}");
+    }
+    assert!(!workplace.path().join("runs").exists());
+}
+
+#[test]
+fn a_file_that_would_be_longer_than_is_allowed_is_told_and_costs_nothing() {
+    let workplace = Workplace::new();
+    workplace.write("m.yaml", FAKE);
+    // In KiB: the manifest fits, the journal does not.
+    let refused = below(&workplace, "-f 8", "run m.yaml");
+    assert_eq!(refused.code, Some(3), "{refused:?}");
+    assert!(refused.err.contains("ulimit -f unlimited"), "{refused:?}");
+    let directory = workplace.run_directory();
+    let resumed = workplace.run(&["resume", directory.to_str().unwrap()]);
+    assert_eq!(resumed.code, Some(0), "{resumed:?}");
+    assert_eq!(windows_done(&workplace, directory.to_str().unwrap()), [4, 4]);
 }
 
 #[test]

@@ -37,6 +37,7 @@ use self::{
     window_sequence::{Boundary, WindowSequence},
 };
 use crate::{
+    limits,
     network::{self, Network},
     record::window::CaptureRecord,
     settings::CaptureSettings,
@@ -141,7 +142,7 @@ impl CaptureError {
                     Some("make room on the disk, or lower `capture.snaplen`".to_owned())
                 }
                 io::ErrorKind::PermissionDenied => Some("choose a folder that you may write to".to_owned()),
-                _ => None,
+                _ => limits::room_hint(source).map(str::to_owned),
             },
             Self::Tool { .. } => Some(
                 "install it where the workload runs (`apt-get install tcpdump`; in Docker, name an `image:` that has \

@@ -20,9 +20,9 @@ use nix::sys::signal::{SigSet, Signal};
 use workload::{
     capabilities::drop_unneeded,
     causes::with_causes,
-    descriptors, detached, enter,
+    detached, enter,
     experiment::{self, Ending, ExperimentError, Program, Reporter, Request},
-    network,
+    limits, network,
     record::progress::{Part, Progress},
     settings::{Dynamics, Settings},
     survey,
@@ -147,7 +147,10 @@ fn main() -> ExitCode {
         Command::Rehearse(call) => rehearse(&call),
         Command::Node(call) => node(&call),
         Command::Enter(call) => enter(&call),
-        Command::Detached(verb) => detached::run(&verb),
+        Command::Detached(verb) => {
+            limits::fail_at_the_longest_file();
+            detached::run(&verb)
+        }
     }
 }
 
@@ -167,7 +170,7 @@ fn run(call: Run) -> ExitCode {
             let path = request.data.clone();
             let outcome = made
                 .map_err(|source| ExperimentError::Write { path, source })
-                .and_then(|()| Ok(descriptors::make_room()?))
+                .and_then(|()| Ok(limits::check()?))
                 .and_then(|()| Ok(namespace_root?))
                 .and_then(|()| set_when_told(ends, &stop))
                 .and_then(|()| experiment::run(&request, &reporter, &stop));
@@ -319,6 +322,7 @@ fn block_signals() -> SigSet {
     let ends = SigSet::from_iter([Signal::SIGTERM, Signal::SIGINT]);
     let mut blocked = ends;
     blocked.add(Signal::SIGHUP);
+    limits::fail_at_the_longest_file();
     // It fails for an invalid argument only.
     let _ = blocked.thread_block();
     ends

@@ -14,14 +14,10 @@ use std::{
 };
 
 use reports::run_directory::Resource;
-use workload::record::detached::Owner;
+use workload::record::detached::{Owner, UNFINISHED};
 
 use super::{Leftover, ProviderError};
 use crate::state_directory::StateDirectory;
-
-/// What the name of a folder ends with that has not all in it yet: the environment's name is before it, and, of the workload's
-/// own, the number of the process that makes it.
-pub const UNFINISHED: &str = ".unfinished";
 
 /// The folder.
 #[derive(Debug, Clone, PartialEq, Eq)]

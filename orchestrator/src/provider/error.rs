@@ -5,6 +5,8 @@
 
 use std::{error::Error, io, path::PathBuf};
 
+use workload::limits;
+
 use crate::{host::HostError, workload_binary::InstallError};
 
 /// The cause of an error, of whichever library it comes from.
@@ -188,10 +190,10 @@ impl ProviderError {
 
 /// What to do about a file that cannot be read or written.
 pub fn file_hint(error: &io::Error) -> Option<String> {
+    if let Some(hint) = limits::room_hint(error) {
+        return Some(format!("{hint}, then `matrix resume`"));
+    }
     match error.kind() {
-        io::ErrorKind::StorageFull | io::ErrorKind::QuotaExceeded => {
-            Some("make room on that disk, then `matrix resume`".to_owned())
-        }
         io::ErrorKind::PermissionDenied => Some("check who owns it, or choose another directory".to_owned()),
         io::ErrorKind::ReadOnlyFilesystem => {
             Some("choose a directory on a disk that can be written".to_owned())

@@ -17,7 +17,7 @@ use tokio::{
 };
 use workload::{
     causes::with_causes,
-    record::{progress::Progress, window::WindowRecord},
+    record::{detached::UNFINISHED, progress::Progress, window::WindowRecord},
 };
 
 use super::{
@@ -31,7 +31,6 @@ use crate::{
     matrix_file::{HARDWARE, OS},
     plan::placement::{Claim, Contradiction},
     provider::detached::Keeper,
-    provider::environment_directory::UNFINISHED,
     provider::{Ended, Environment, EnvironmentRequest, Provider, ProviderError, facts},
     room, terminal,
 };

@@ -21,7 +21,7 @@ use serde::{Serialize, de::DeserializeOwned};
 
 use super::DetachedError;
 use crate::record::{
-    detached::{Ended, Owner},
+    detached::{Ended, Owner, UNFINISHED},
     name::is_name,
 };
 
@@ -168,7 +168,7 @@ impl EnvironmentFolder {
         let folder = Self::of(root, environment)?;
         // Made beside its place and moved there, so that a folder without its owner is never seen by others. Each process
         // has its own, so that of two with one name the later does not break the earlier.
-        let unfinished = Self::of(root, &format!("{environment}.{}.unfinished", process::id()))?;
+        let unfinished = Self::of(root, &format!("{environment}.{}{UNFINISHED}", process::id()))?;
         let made = unfinished
             .fill(owner)
             .and_then(|()| folder.replace_nothing(&unfinished));

@@ -3,7 +3,10 @@
 use std::{io, path::PathBuf};
 
 use crate::{
-    capture::CaptureError, descriptors::DescriptorError, network::NetworkError, ros::RosError,
+    capture::CaptureError,
+    limits::{self, LimitError},
+    network::NetworkError,
+    ros::RosError,
     virtual_host::VirtualHost,
 };
 
@@ -12,7 +15,7 @@ use crate::{
 pub enum ExperimentError {
     /// Too few files may be open.
     #[error(transparent)]
-    Descriptors(#[from] DescriptorError),
+    Limits(#[from] LimitError),
     /// There is no network, or no longer.
     #[error("the virtual hosts' network failed")]
     Network(#[from] NetworkError),
@@ -85,7 +88,7 @@ impl ExperimentError {
     #[must_use]
     pub fn hint(&self) -> Option<String> {
         match self {
-            Self::Descriptors(error) => Some(error.hint()),
+            Self::Limits(error) => Some(error.hint()),
             Self::Network(error) => error.hint(),
             Self::Capture(error) => error.hint(),
             Self::Ros(error) => error.hint().map(str::to_owned),
@@ -94,11 +97,10 @@ impl ExperimentError {
                 Some("raise the limit of processes (`ulimit -u`, or the container's `pids` limit)".into())
             }
             Self::Write { source, .. } => match source.kind() {
-                io::ErrorKind::StorageFull => Some("make room on the disk".into()),
                 io::ErrorKind::PermissionDenied | io::ErrorKind::ReadOnlyFilesystem => {
                     Some("choose a data folder that you may write to".into())
                 }
-                _ => None,
+                _ => limits::room_hint(source).map(str::to_owned),
             },
             Self::Taken { .. } => {
                 Some("choose a data folder without windows: none is ever overwritten".into())
@@ -111,7 +113,7 @@ impl ExperimentError {
     #[must_use]
     pub fn is_of_platform(&self) -> bool {
         match self {
-            Self::Descriptors(_)
+            Self::Limits(_)
             | Self::Network(_)
             | Self::Capture(_)
             | Self::MasterPort { .. }

@@ -8,6 +8,10 @@ use serde::{Deserialize, Serialize};
 use super::platform::PlatformRecord;
 use crate::settings::{Settings, asked_for};
 
+/// What the name of a folder ends with that has not all in it yet. The environment's name is before it and, of the workload's own
+/// folders, the number of the process that makes it.
+pub const UNFINISHED: &str = ".unfinished";
+
 /// What an environment belongs to: `owner.json`, in its folder before anything else.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Owner {

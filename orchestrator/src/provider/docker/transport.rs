@@ -4,7 +4,8 @@
 //! bollard reads an answer whole before it looks at it, and a frame of a log too, whose length is what the engine says. It does
 //! not let an answer be looked at before, but it lets the way be ours on which answers come. So what is counted is what comes
 //! over a connection: all of it where the answer is one document, and what has come since the last frame where it is a log
-//! that is followed. An archive is read piece by piece, and may be as long as it is.
+//! that is followed. An archive is read piece by piece, and may be as long as it is. A document that is asked for is given up if it
+//! stops coming; what an engine does when it is told to (wait, build, load) may take its time.
 
 use std::{
     io,
@@ -15,6 +16,7 @@ use std::{
         atomic::{AtomicU64, Ordering},
     },
     task::{Context, Poll, ready},
+    time::Duration,
 };
 
 use bollard::{API_DEFAULT_VERSION, BollardRequest, ClientVersion, Docker as Api, errors::Error};
@@ -28,14 +30,16 @@ use hyper::{
 use tokio::{
     io::{AsyncRead, AsyncWrite, ReadBuf},
     net::{TcpStream, UnixStream},
+    time::{Instant, Sleep, sleep},
 };
 
 /// The longest document: what an engine says of thousands of containers. One says less than a kilobyte of each of ours.
 const LONGEST_ANSWER: u64 = 8 << 20;
 /// The most that may come between two frames of a log. An engine cuts lines into frames of 16 KiB.
 const LONGEST_FRAME: u64 = 4 << 20;
-/// How long an engine may take until it begins to answer, in seconds: bollard's own value.
+/// How long an engine may take until it begins to answer, in seconds: bollard's own value. And how long it may stop in a document.
 const PATIENCE_S: u64 = 120;
+const PATIENCE: Duration = Duration::from_secs(PATIENCE_S);
 
 /// An engine answers without end.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, thiserror::Error)]
@@ -204,7 +208,13 @@ async fn ask(
     request: BollardRequest,
 ) -> Result<Response<Incoming>, Error> {
     let stream = address.open().await?;
-    let (mut sender, connection) = http1::handshake(Bounded { stream, allowance }).await?;
+    let pause = is_document(&request).then(|| Pause::of_at_most(PATIENCE));
+    let bounded = Bounded {
+        stream,
+        allowance,
+        pause,
+    };
+    let (mut sender, connection) = http1::handshake(bounded).await?;
     // It ends with the answer, or with who reads it.
     tokio::spawn(connection);
     let (mut parts, body) = request.into_parts();
@@ -215,10 +225,44 @@ async fn ask(
     Ok(sender.send_request(Request::from_parts(parts, body)).await?)
 }
 
+/// Whether what is asked for is there already, and nothing is waited for: no log, which may be followed, and no archive, which takes as
+/// long as its disk does.
+fn is_document(request: &BollardRequest) -> bool {
+    request.method() == Method::GET && !is_archive(request) && !request.uri().path().ends_with("/logs")
+}
+
 /// A connection over which no more may come than is allowed.
 struct Bounded {
     stream: Box<dyn Stream>,
     allowance: Option<Arc<Allowance>>,
+    /// Where what is asked for may not stop coming.
+    pause: Option<Pause>,
+}
+
+/// How long nothing has come.
+struct Pause {
+    longest: Duration,
+    over: Pin<Box<Sleep>>,
+}
+
+impl Pause {
+    fn of_at_most(longest: Duration) -> Self {
+        Self {
+            longest,
+            over: Box::pin(sleep(longest)),
+        }
+    }
+
+    /// Something came.
+    fn begin_anew(&mut self) {
+        self.over.as_mut().reset(Instant::now() + self.longest);
+    }
+
+    fn poll_over(&mut self, context: &mut Context<'_>) -> Poll<io::Error> {
+        ready!(self.over.as_mut().poll(context));
+        let stopped = format!("its answer stopped for {} s", self.longest.as_secs());
+        Poll::Ready(io::Error::new(io::ErrorKind::TimedOut, stopped))
+    }
 }
 
 /// What is read at a time.
@@ -233,7 +277,14 @@ impl Read for Bounded {
         let mut piece = [0; PIECE];
         let (piece, _) = piece.split_at_mut(into.remaining().min(PIECE));
         let mut piece = ReadBuf::new(piece);
-        ready!(Pin::new(&mut self.stream).poll_read(context, &mut piece))?;
+        let polled = Pin::new(&mut self.stream).poll_read(context, &mut piece)?;
+        if let Some(pause) = &mut self.pause {
+            match polled {
+                Poll::Ready(()) => pause.begin_anew(),
+                Poll::Pending => return pause.poll_over(context).map(Err),
+            }
+        }
+        ready!(polled);
         if let Some(allowance) = &self.allowance {
             allowance
                 .take(piece.filled().len() as u64)
@@ -264,6 +315,8 @@ impl Write for Bounded {
 
 #[cfg(test)]
 pub mod tests {
+    use std::future::poll_fn;
+
     use bollard::query_parameters::{ListContainersOptions, LogsOptionsBuilder};
     use futures_util::StreamExt as _;
     use tokio::{
@@ -339,6 +392,43 @@ pub mod tests {
         let hostile = Hostile::saying("HTTP/1.1 500 No\r\n\r\n", LONG);
         let api = connect(&hostile.address(), &Exceeded::default()).unwrap();
         assert!(TooLong::behind(&api.version().await.unwrap_err()).is_some());
+    }
+
+    #[tokio::test]
+    async fn an_answer_that_stops_is_given_up() {
+        let (stream, mut engine) = UnixStream::pair().unwrap();
+        let mut bounded = Bounded {
+            stream: Box::new(stream),
+            allowance: None,
+            pause: Some(Pause::of_at_most(Duration::from_secs(1))),
+        };
+        let mut read = async || {
+            let mut piece = [0; 16];
+            let mut into = hyper::rt::ReadBuf::new(&mut piece);
+            poll_fn(|context| Pin::new(&mut bounded).poll_read(context, into.unfilled())).await
+        };
+        engine.write_all(b"[").await.unwrap();
+        read().await.unwrap();
+        let stopped = read().await.unwrap_err();
+        assert_eq!(stopped.to_string(), "its answer stopped for 1 s");
+    }
+
+    #[test]
+    fn only_a_document_may_not_stop() {
+        let asked = |method: Method, path: &str| {
+            let request = Request::builder().method(method).uri(path);
+            is_document(&request.body(bollard::body_full(Vec::new().into())).unwrap())
+        };
+        assert!(asked(Method::GET, "http://engine/v1.43/containers/json?all=true"));
+        assert!(!asked(
+            Method::GET,
+            "http://engine/v1.43/containers/x/logs?follow=true"
+        ));
+        assert!(!asked(
+            Method::GET,
+            "http://engine/v1.43/containers/x/archive?path=/data"
+        ));
+        assert!(!asked(Method::POST, "http://engine/v1.43/containers/x/wait"));
     }
 
     #[tokio::test]
