@@ -129,98 +129,28 @@ impl Contrasts {
         samples: &[Sample],
         settings: &ReportSettings,
     ) -> Self {
-        let mut scenarios: Vec<&str> = Vec::new();
-        for sample in samples {
-            if !scenarios.contains(&sample.scenario.as_str()) {
-                scenarios.push(&sample.scenario);
-            }
-        }
-        let windows: Vec<Vec<&[f64]>> = scenarios
-            .iter()
-            .map(|id| {
-                let of_it = samples.iter().filter(|sample| sample.scenario == *id);
-                of_it.map(|sample| sample.errors_m.as_slice()).collect()
-            })
-            .collect();
-        let levels: Vec<Vec<f64>> = windows.iter().map(|windows| effect::levels(windows)).collect();
-        let place = |id: &str| scenarios.iter().position(|scenario| *scenario == id);
-        let mut found = Vec::new();
-        let mut without_data = Vec::new();
+        let scenarios = Scenario::all(samples);
+        let find = |letter: &str| scenarios.iter().find(|scenario| scenario.letter == letter);
+        let (mut found, mut without_data) = (Vec::new(), Vec::new());
         for (a, b) in pairs {
             let (a, b) = (a.as_ref(), b.as_ref());
-            match place(a).zip(place(b)) {
-                Some(places) => found.push(places),
+            match find(a).zip(find(b)) {
+                Some(pair) => found.push(pair),
                 None => without_data.push((a.to_owned(), b.to_owned())),
             }
         }
-        let effort = Effort::of_a_report(settings.seed);
-        // Only what takes part in the family is dealt anew.
-        let members: Vec<&[f64]> = levels.iter().map(Vec::as_slice).collect();
-        let (members, renamed) = taking_part(&members, &found);
-        let max_t = permutation::max_t(&members, &renamed, effort);
-        let each = effort.at_most(LABELLINGS / found.len().max(1) as u64);
-        let values = samples
-            .iter()
-            .map(|sample| sample.errors_m.len())
-            .max()
-            .unwrap_or(0);
-        let walk = |a: &[&[f64]], b: &[&[f64]]| {
-            let values = (values * (a.len() + b.len()) * found.len()).max(1);
-            effort.at_most(VALUES_WALKED / values as u64)
-        };
-        let block_pairs: usize = found
-            .iter()
-            .filter_map(|(a, b)| Some(windows.get(*a)?.len() * windows.get(*b)?.len()))
-            .sum();
-        let tested: Vec<(PermutationTest, ShapeTests, Option<BlockCount>, Effect)> = found
-            .iter()
-            .filter_map(|(a, b)| {
-                let test = permutation::mean_difference(levels.get(*a)?, levels.get(*b)?, each)?;
-                let (a, b) = (windows.get(*a)?, windows.get(*b)?);
-                let shape = ShapeTests::of(a, b, walk(a, b))?;
-                let blocks = (block_pairs <= MOST_BLOCK_PAIRS)
-                    .then(|| BlockCount::of(a, b, settings.alpha, settings.seed));
-                let effect = Effect::of(a, b, found.len(), settings.seed)?;
-                Some((test, shape, blocks, effect))
-            })
-            .collect();
-        let raw: Vec<f64> = tested.iter().map(|(test, ..)| test.p).collect();
-        let adjusted = holm(&raw).into_iter().zip(benjamini_yekutieli(&raw));
-        let by_max_t = max_t.iter().flat_map(|max_t| max_t.p.iter().copied());
-        let pairs = found
-            .iter()
-            .zip(tested)
-            .zip(adjusted.zip(by_max_t))
-            .filter_map(
-                |(((a, b), (level, shape, blocks, effect)), ((p_holm, p_benjamini_yekutieli), p_max_t))| {
-                    let smallest = permutation::smallest_p(levels.get(*a)?.len(), levels.get(*b)?.len());
-                    let verdict = Verdict::of(
-                        p_holm,
-                        (smallest * raw.len() as f64).min(1.0),
-                        effect.shift_m.interval,
-                        settings.alpha,
-                        settings.matters,
-                    );
-                    Some(Contrast {
-                        a: (*scenarios.get(*a)?).to_owned(),
-                        b: (*scenarios.get(*b)?).to_owned(),
-                        n: levels.get(*a)?.len(),
-                        m: levels.get(*b)?.len(),
-                        level,
-                        shape,
-                        blocks,
-                        effect,
-                        p_holm,
-                        p_benjamini_yekutieli,
-                        p_max_t,
-                        verdict,
-                    })
-                },
-            )
-            .collect();
+        let work = Work::of(&found, settings);
+        let mut tested = Vec::new();
+        for (a, b) in found {
+            match Tested::of(a, b, &work, settings) {
+                Some(pair) => tested.push(pair),
+                None => without_data.push((a.letter.to_owned(), b.letter.to_owned())),
+            }
+        }
+        let max_t = max_t(&scenarios, &tested, work.effort);
         Self {
             family: settings.family.clone(),
-            pairs,
+            pairs: adjusted(tested, max_t.as_ref(), settings),
             without_data,
             max_t,
         }
@@ -235,19 +165,156 @@ impl Contrasts {
     }
 }
 
-/// The scenarios that a pair names, and the pairs by their places among those.
-fn taking_part<'a>(levels: &[&'a [f64]], pairs: &[(usize, usize)]) -> (Vec<&'a [f64]>, Vec<(usize, usize)>) {
-    let mut places: Vec<usize> = pairs.iter().flat_map(|(a, b)| [*a, *b]).collect();
-    places.sort_unstable();
-    places.dedup();
-    let renamed = |at: usize| places.partition_point(|place| *place < at);
-    (
-        places
+/// A scenario with a window that counts and has values.
+struct Scenario<'a> {
+    letter: &'a str,
+    /// The errors of each such window, in metres.
+    windows: Vec<&'a [f64]>,
+    /// One for each of `windows`.
+    levels: Vec<f64>,
+}
+
+impl<'a> Scenario<'a> {
+    /// In the order of the samples.
+    fn all(samples: &'a [Sample]) -> Vec<Self> {
+        let mut all: Vec<Self> = Vec::new();
+        for sample in samples {
+            let Some(level) = effect::level(&sample.errors_m) else {
+                continue;
+            };
+            let at = all.iter().position(|scenario| scenario.letter == sample.scenario);
+            let at = at.unwrap_or_else(|| {
+                all.push(Self {
+                    letter: &sample.scenario,
+                    windows: Vec::new(),
+                    levels: Vec::new(),
+                });
+                all.len() - 1
+            });
+            if let Some(scenario) = all.get_mut(at) {
+                scenario.windows.push(&sample.errors_m);
+                scenario.levels.push(level);
+            }
+        }
+        all
+    }
+}
+
+/// How much work each pair of a family may take.
+struct Work {
+    effort: Effort,
+    /// Pairs in the family.
+    pairs: usize,
+    /// Values of the longest window.
+    longest: usize,
+    /// Whether blocks are dealt anew.
+    with_blocks: bool,
+}
+
+impl Work {
+    fn of(pairs: &[(&Scenario<'_>, &Scenario<'_>)], settings: &ReportSettings) -> Self {
+        let windows = pairs.iter().flat_map(|(a, b)| a.windows.iter().chain(&b.windows));
+        let window_pairs: usize = pairs.iter().map(|(a, b)| a.windows.len() * b.windows.len()).sum();
+        Self {
+            effort: Effort::of_a_report(settings.seed),
+            pairs: pairs.len(),
+            longest: windows.map(|window| window.len()).max().unwrap_or(0),
+            with_blocks: window_pairs <= MOST_BLOCK_PAIRS,
+        }
+    }
+
+    fn of_levels(&self) -> Effort {
+        self.effort.at_most(LABELLINGS / self.pairs.max(1) as u64)
+    }
+
+    /// Of tests that walk along all values of that many windows.
+    fn of_values(&self, windows: usize) -> Effort {
+        let values = (self.longest * windows * self.pairs).max(1);
+        self.effort.at_most(VALUES_WALKED / values as u64)
+    }
+}
+
+/// A pair by itself, before the family is counted.
+struct Tested<'a> {
+    a: &'a Scenario<'a>,
+    b: &'a Scenario<'a>,
+    level: PermutationTest,
+    shape: ShapeTests,
+    blocks: Option<BlockCount>,
+    effect: Effect,
+}
+
+impl<'a> Tested<'a> {
+    /// None if a side has nothing to test.
+    fn of(a: &'a Scenario<'a>, b: &'a Scenario<'a>, work: &Work, settings: &ReportSettings) -> Option<Self> {
+        let windows = a.windows.len() + b.windows.len();
+        Some(Self {
+            level: permutation::mean_difference(&a.levels, &b.levels, work.of_levels())?,
+            shape: ShapeTests::of(&a.windows, &b.windows, work.of_values(windows))?,
+            blocks: work
+                .with_blocks
+                .then(|| BlockCount::of(&a.windows, &b.windows, settings.alpha, settings.seed)),
+            effect: Effect::of(&a.windows, &b.windows, work.pairs, settings.seed)?,
+            a,
+            b,
+        })
+    }
+
+    /// What its p could be at the least, after Holm's adjustment in a family of that many.
+    fn smallest_p_holm(&self, pairs: usize) -> f64 {
+        let smallest = permutation::smallest_p(self.a.levels.len(), self.b.levels.len());
+        (smallest * pairs as f64).min(1.0)
+    }
+}
+
+/// The maximum-statistic adjustment of the pairs that were tested. Only what takes part in one is dealt anew.
+fn max_t(scenarios: &[Scenario<'_>], tested: &[Tested<'_>], effort: Effort) -> Option<MaxT> {
+    let is_member = |letter: &str| {
+        tested
             .iter()
-            .filter_map(|place| levels.get(*place).copied())
-            .collect(),
-        pairs.iter().map(|(a, b)| (renamed(*a), renamed(*b))).collect(),
-    )
+            .any(|pair| pair.a.letter == letter || pair.b.letter == letter)
+    };
+    let members: Vec<&Scenario<'_>> = scenarios
+        .iter()
+        .filter(|scenario| is_member(scenario.letter))
+        .collect();
+    let place = |of: &Scenario<'_>| members.iter().position(|member| member.letter == of.letter);
+    let places: Option<Vec<_>> = tested
+        .iter()
+        .map(|pair| place(pair.a).zip(place(pair.b)))
+        .collect();
+    let levels: Vec<&[f64]> = members.iter().map(|member| member.levels.as_slice()).collect();
+    permutation::max_t(&levels, &places?, effort)
+}
+
+/// Each pair with its p-values as adjusted in the family of all: every list here has one entry a pair.
+fn adjusted(tested: Vec<Tested<'_>>, max_t: Option<&MaxT>, settings: &ReportSettings) -> Vec<Contrast> {
+    let raw: Vec<f64> = tested.iter().map(|pair| pair.level.p).collect();
+    let (by_holm, by_yekutieli) = (holm(&raw), benjamini_yekutieli(&raw));
+    let by_max_t = max_t.map(|max_t| max_t.p.as_slice()).unwrap_or_default();
+    let adjusted = by_holm.into_iter().zip(by_yekutieli).zip(by_max_t);
+    let pair =
+        |(pair, ((p_holm, p_benjamini_yekutieli), p_max_t)): (Tested<'_>, ((f64, f64), &f64))| Contrast {
+            a: pair.a.letter.to_owned(),
+            b: pair.b.letter.to_owned(),
+            n: pair.a.levels.len(),
+            m: pair.b.levels.len(),
+            p_holm,
+            p_benjamini_yekutieli,
+            p_max_t: *p_max_t,
+            verdict: Verdict::of(
+                p_holm,
+                pair.smallest_p_holm(raw.len()),
+                pair.effect.shift_m.interval,
+                settings.alpha,
+                settings.matters,
+            ),
+            level: pair.level,
+            shape: pair.shape,
+            blocks: pair.blocks,
+            effect: pair.effect,
+        };
+    tested.into_iter().zip(adjusted).map(pair).collect()
 }
 
 #[cfg(test)]
@@ -309,6 +376,23 @@ mod tests {
         assert_eq!(contrasts.without_data, [("a".to_owned(), "x".to_owned())]);
         let none = of(&[], &ReportSettings::default());
         assert!(none.pairs.is_empty() && none.max_t.is_none());
+    }
+
+    #[test]
+    fn windows_without_values_cost_their_own_pair_and_no_other() {
+        let mut samples = vec![sample("x", 1, &[])];
+        for window in 1..=4 {
+            let noise = f64::from(window) * 1e-4;
+            samples.push(sample("a", window, &[0.2 + noise, 0.21]));
+            samples.push(sample("b", window, &[0.25 + noise, 0.26]));
+        }
+        let settings = ReportSettings::default();
+        let alone = Contrasts::of(&[("a", "b")], &samples, &settings);
+        let beside = Contrasts::of(&[("x", "a"), ("a", "b")], &samples, &settings);
+        assert_eq!(alone.pairs.len(), 1);
+        assert_eq!(beside.pairs, alone.pairs);
+        assert_eq!(beside.max_t, alone.max_t);
+        assert_eq!(beside.without_data, [("x".to_owned(), "a".to_owned())]);
     }
 
     const NARROW: Interval = Interval {
