@@ -58,209 +58,127 @@ struct Campaign {
     points: fn() -> Vec<Point>,
 }
 
+const fn campaign(name: &'static str, side_by_side: usize, points: fn() -> Vec<Point>) -> Campaign {
+    Campaign {
+        name,
+        side_by_side,
+        left_out: None,
+        points,
+    }
+}
+
+impl Campaign {
+    const fn left_out(mut self, why: &'static str) -> Self {
+        self.left_out = Some(why);
+        self
+    }
+}
+
 /// Fake windows keep a processor busy, measured ones wait for the next step.
 const BUSY: usize = 2;
 const WAITING: usize = 4;
 const ALONE: usize = 1;
 
 const CAMPAIGNS: &[Campaign] = &[
-    Campaign {
-        name: "fake: matrix killed after each journal line",
-        side_by_side: BUSY,
-        left_out: None,
-        points: || kills::after_each_line(Platform::Fake, Victim::Matrix),
-    },
-    Campaign {
-        name: "fake: run killed before each call",
-        side_by_side: BUSY,
-        left_out: None,
-        points: || kills::before_each_call_of_run(Platform::Fake, Caller::Matrix),
-    },
-    Campaign {
-        name: "fake: resume killed before each call",
-        side_by_side: BUSY,
-        left_out: None,
-        points: || kills::before_each_call_of_resume(Platform::Fake),
-    },
-    Campaign {
-        name: "fake: clean killed before each call",
-        side_by_side: BUSY,
-        left_out: None,
-        points: || kills::before_each_call_of_clean(Platform::Fake),
-    },
-    Campaign {
-        name: "native: matrix killed after each journal line",
-        side_by_side: WAITING,
-        left_out: None,
-        points: || kills::after_each_line(Platform::Native, Victim::Matrix),
-    },
-    Campaign {
-        name: "native: its group killed after each journal line",
-        side_by_side: WAITING,
-        left_out: None,
-        points: || kills::after_each_line(Platform::Native, Victim::Group),
-    },
-    Campaign {
-        name: "native: workload killed after each journal line",
-        side_by_side: WAITING,
-        left_out: None,
-        points: || kills::after_each_line(Platform::Native, Victim::Workload),
-    },
-    Campaign {
-        name: "native: all killed after each journal line",
-        side_by_side: WAITING,
-        left_out: None,
-        points: || kills::after_each_line(Platform::Native, Victim::Everything),
-    },
-    Campaign {
-        name: "native: run killed before each call",
-        side_by_side: WAITING,
-        left_out: None,
-        points: || kills::before_each_call_of_run(Platform::Native, Caller::Matrix),
-    },
-    Campaign {
-        name: "native: a program of it killed before each call",
-        side_by_side: WAITING,
-        left_out: None,
-        points: || kills::before_each_call_of_run(Platform::Native, Caller::Program),
-    },
-    Campaign {
-        name: "native: all killed at random",
-        side_by_side: WAITING,
-        left_out: None,
-        points: || kills::at_random(Platform::Native, Victim::Everything, 20, 1),
-    },
-    Campaign {
-        name: "native: run and resumes killed again and again",
-        side_by_side: WAITING,
-        left_out: None,
-        points: || kills::again_and_again(Platform::Native, 8, 2),
-    },
-    Campaign {
-        name: "native: resume killed after each journal line",
-        side_by_side: WAITING,
-        left_out: None,
-        points: || kills::after_each_line_of_resume(Platform::Native, Victim::Matrix),
-    },
-    Campaign {
-        name: "native: clean killed before each call",
-        side_by_side: WAITING,
-        left_out: None,
-        points: || kills::before_each_call_of_clean(Platform::Native),
-    },
-    Campaign {
-        name: "native: asked to stop after each journal line",
-        side_by_side: WAITING,
-        left_out: None,
-        points: || kills::asked_to_stop(Platform::Native, Signal::SIGTERM),
-    },
-    Campaign {
-        name: "fake: journal cut",
-        side_by_side: BUSY,
-        left_out: None,
-        points: || files::journal_cut(Platform::Fake),
-    },
-    Campaign {
-        name: "fake: files emptied, cut, flipped, gone",
-        side_by_side: BUSY,
-        left_out: None,
-        points: || files::damaged(Platform::Fake),
-    },
-    Campaign {
-        name: "native: files emptied, cut, flipped, gone",
-        side_by_side: BUSY,
-        left_out: None,
-        points: || files::damaged(Platform::Native),
-    },
-    Campaign {
-        name: "native: windows moved away",
-        side_by_side: WAITING,
-        left_out: None,
-        points: || files::windows_gone(Platform::Native),
-    },
-    Campaign {
-        name: "fake: power cut after each journal line",
-        side_by_side: BUSY,
-        left_out: Some(
-            "the fake platform syncs nothing of its own, and takes what is half there for discarded",
-        ),
-        points: || disks::power_cuts(Platform::Fake),
-    },
-    Campaign {
-        name: "native: power cut after each journal line",
-        side_by_side: WAITING,
-        left_out: None,
-        points: || disks::power_cuts(Platform::Native),
-    },
-    Campaign {
-        name: "native: disk full after each journal line",
-        side_by_side: WAITING,
-        left_out: None,
-        points: || disks::full_after_each_line(Platform::Native, kills::lines(Platform::Native)),
-    },
-    Campaign {
-        name: "native: disk too small",
-        side_by_side: WAITING,
-        left_out: None,
-        points: || disks::too_small(Platform::Native),
-    },
-    Campaign {
-        name: "native: limits of files, lengths, memory",
-        side_by_side: WAITING,
-        left_out: None,
-        points: || limits::below_limits(Platform::Native),
-    },
-    Campaign {
-        name: "native: workload stands still",
-        side_by_side: WAITING,
-        left_out: None,
-        points: || limits::workload_stands_still(Platform::Native),
-    },
-    Campaign {
-        name: "native: resumed with another state folder",
-        side_by_side: WAITING,
-        left_out: None,
-        points: || limits::another_state_folder(Platform::Native),
-    },
-    Campaign {
-        name: "docker: matrix killed after each journal line",
-        side_by_side: ALONE,
-        left_out: None,
-        points: || kills::after_each_line(Platform::Docker, Victim::Matrix),
-    },
-    Campaign {
-        name: "docker: workload killed after each journal line",
-        side_by_side: ALONE,
-        left_out: None,
-        points: || kills::after_each_line(Platform::Docker, Victim::Workload),
-    },
-    Campaign {
-        name: "docker: all killed at random",
-        side_by_side: ALONE,
-        left_out: None,
-        points: || kills::at_random(Platform::Docker, Victim::Everything, 10, 3),
-    },
-    Campaign {
-        name: "ssh: matrix killed after each journal line",
-        side_by_side: WAITING,
-        left_out: None,
-        points: || kills::after_each_line(Platform::Ssh, Victim::Matrix),
-    },
-    Campaign {
-        name: "ssh: all killed after each journal line",
-        side_by_side: WAITING,
-        left_out: None,
-        points: || kills::after_each_line(Platform::Ssh, Victim::Everything),
-    },
-    Campaign {
-        name: "vm: matrix killed after some events",
-        side_by_side: ALONE,
-        left_out: Some("each point takes minutes"),
-        points: || {
-            let events = &["environment-creating", "measuring", "window-collected"];
-            kills::after_events(Platform::Machine, Victim::Matrix, events)
-        },
-    },
+    campaign("fake: matrix killed after each journal line", BUSY, || {
+        kills::after_each_line(Platform::Fake, Victim::Matrix)
+    }),
+    campaign("fake: run killed before each call", BUSY, || {
+        kills::before_each_call_of_run(Platform::Fake, Caller::Matrix)
+    }),
+    campaign("fake: resume killed before each call", BUSY, || {
+        kills::before_each_call_of_resume(Platform::Fake)
+    }),
+    campaign("fake: clean killed before each call", BUSY, || {
+        kills::before_each_call_of_clean(Platform::Fake)
+    }),
+    campaign("native: matrix killed after each journal line", WAITING, || {
+        kills::after_each_line(Platform::Native, Victim::Matrix)
+    }),
+    campaign(
+        "native: its group killed after each journal line",
+        WAITING,
+        || kills::after_each_line(Platform::Native, Victim::Group),
+    ),
+    campaign("native: workload killed after each journal line", WAITING, || {
+        kills::after_each_line(Platform::Native, Victim::Workload)
+    }),
+    campaign("native: all killed after each journal line", WAITING, || {
+        kills::after_each_line(Platform::Native, Victim::Everything)
+    }),
+    campaign("native: run killed before each call", WAITING, || {
+        kills::before_each_call_of_run(Platform::Native, Caller::Matrix)
+    }),
+    campaign("native: a program of it killed before each call", WAITING, || {
+        kills::before_each_call_of_run(Platform::Native, Caller::Program)
+    }),
+    campaign("native: all killed at random", WAITING, || {
+        kills::at_random(Platform::Native, Victim::Everything, 20, 1)
+    }),
+    campaign("native: run and resumes killed again and again", WAITING, || {
+        kills::again_and_again(Platform::Native, 8, 2)
+    }),
+    campaign("native: resume killed after each journal line", WAITING, || {
+        kills::after_each_line_of_resume(Platform::Native, Victim::Matrix)
+    }),
+    campaign("native: clean killed before each call", WAITING, || {
+        kills::before_each_call_of_clean(Platform::Native)
+    }),
+    campaign("native: asked to stop after each journal line", WAITING, || {
+        kills::asked_to_stop(Platform::Native, Signal::SIGTERM)
+    }),
+    campaign("fake: journal cut", BUSY, || files::journal_cut(Platform::Fake)),
+    campaign("fake: files emptied, cut, flipped, gone", BUSY, || {
+        files::damaged(Platform::Fake)
+    }),
+    campaign("native: files emptied, cut, flipped, gone", BUSY, || {
+        files::damaged(Platform::Native)
+    }),
+    campaign("native: windows moved away", WAITING, || {
+        files::windows_gone(Platform::Native)
+    }),
+    campaign("fake: power cut after each journal line", BUSY, || {
+        disks::power_cuts(Platform::Fake)
+    })
+    .left_out("the fake platform syncs nothing of its own, and takes what is half there for discarded"),
+    campaign("native: power cut after each journal line", WAITING, || {
+        disks::power_cuts(Platform::Native)
+    }),
+    campaign("native: disk full after each journal line", WAITING, || {
+        disks::full_after_each_line(Platform::Native, kills::lines(Platform::Native))
+    }),
+    campaign("native: disk too small", WAITING, || {
+        disks::too_small(Platform::Native)
+    }),
+    campaign("native: limits of files, lengths, memory", WAITING, || {
+        limits::below_limits(Platform::Native)
+    }),
+    campaign("native: workload stands still", WAITING, || {
+        limits::workload_stands_still(Platform::Native)
+    }),
+    campaign("native: resumed with another state folder", WAITING, || {
+        limits::another_state_folder(Platform::Native)
+    }),
+    campaign("docker: matrix killed after each journal line", ALONE, || {
+        kills::after_each_line(Platform::Docker, Victim::Matrix)
+    }),
+    campaign("docker: workload killed after each journal line", ALONE, || {
+        kills::after_each_line(Platform::Docker, Victim::Workload)
+    }),
+    campaign("docker: all killed at random", ALONE, || {
+        kills::at_random(Platform::Docker, Victim::Everything, 10, 3)
+    }),
+    campaign("ssh: matrix killed after each journal line", WAITING, || {
+        kills::after_each_line(Platform::Ssh, Victim::Matrix)
+    }),
+    campaign("ssh: all killed after each journal line", WAITING, || {
+        kills::after_each_line(Platform::Ssh, Victim::Everything)
+    }),
+    campaign("vm: matrix killed after some events", ALONE, || {
+        let events = &["environment-creating", "measuring", "window-collected"];
+        kills::after_events(Platform::Machine, Victim::Matrix, events)
+    })
+    .left_out("each point takes minutes"),
 ];
 
 /// Which points are done.

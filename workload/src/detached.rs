@@ -42,10 +42,11 @@ pub use self::{
     folder::EnvironmentFolder,
     receive::{Receiver, receive},
 };
-use crate::{causes::with_causes, quantity::TimeSpan, record::detached::Failure};
-
-const FAILED: u8 = 1;
-const WRONG_CALL: u8 = 2;
+use crate::{
+    causes::with_causes,
+    quantity::TimeSpan,
+    record::{detached::Failure, exit::Exit},
+};
 
 /// What a keeper is asked for.
 #[derive(Debug, Subcommand)]
@@ -145,7 +146,12 @@ pub fn run(verb: &Verb) -> ExitCode {
             });
             // Nobody may be there any more to be told.
             let _ = stream::write_line(&mut io::stderr(), &failure);
-            ExitCode::from(if error.is_of_call() { WRONG_CALL } else { FAILED })
+            let exit = if error.is_of_call() {
+                Exit::WrongCall
+            } else {
+                Exit::Failed
+            };
+            exit.into()
         }
     }
 }

@@ -1,7 +1,6 @@
 //! The `workload` binary: what is deployed into an environment.
 //!
-//! Exit codes: 0 all windows are on disk, or it was asked to stop and did so in order, or the check was made whatever it
-//! found; 1 the run failed; 2 the call or the settings are wrong. The last line of progress says which and why.
+//! Its exit codes are those of [`Exit`]; the last line of progress says which and why.
 
 use std::{
     ffi::OsString,
@@ -23,14 +22,14 @@ use workload::{
     detached, enter,
     experiment::{self, Ending, ExperimentError, Program, Reporter, Request},
     limits, network,
-    record::progress::{Part, Progress},
+    record::{
+        exit::Exit,
+        progress::{Part, Progress},
+    },
     settings::{Dynamics, Settings},
     survey,
     virtual_host::VirtualHost,
 };
-
-const FAILED: u8 = 1;
-const WRONG_CALL: u8 = 2;
 
 /// One networked control experiment, in one environment.
 #[derive(Debug, Parser)]
@@ -163,8 +162,8 @@ fn run(call: Run) -> ExitCode {
     reporter.say(&Progress::Started {
         pid: std::process::id(),
     });
-    let code = match request(call) {
-        Err(wrong) => report_failure(&reporter, with_causes(&wrong), wrong.hint(), false, WRONG_CALL),
+    let exit = match request(call) {
+        Err(wrong) => report_wrong_call(&reporter, &wrong),
         Ok(request) => {
             let stop = Arc::new(AtomicBool::new(false));
             let path = request.data.clone();
@@ -178,7 +177,7 @@ fn run(call: Run) -> ExitCode {
         }
     };
     reporter.finish();
-    ExitCode::from(code)
+    exit.into()
 }
 
 fn request(call: Run) -> Result<Request, WrongCall> {
@@ -207,31 +206,36 @@ fn read_settings(json: &str) -> Result<Settings, WrongCall> {
     }
 }
 
-fn report_outcome(reporter: &Reporter, outcome: Result<Ending, ExperimentError>) -> u8 {
+fn report_outcome(reporter: &Reporter, outcome: Result<Ending, ExperimentError>) -> Exit {
     match outcome {
         Ok(Ending::Finished) => {
             reporter.say(&Progress::Finished);
-            0
+            Exit::Done
         }
         Ok(Ending::Stopped { window }) => {
             reporter.say(&Progress::Stopped { window });
-            0
+            Exit::Done
         }
         Err(error) => {
             let platform = error.is_of_platform();
-            report_failure(reporter, with_causes(&error), error.hint(), platform, FAILED)
+            report_failure(reporter, with_causes(&error), error.hint(), platform);
+            Exit::Failed
         }
     }
 }
 
-fn report_failure(reporter: &Reporter, reason: String, hint: Option<String>, platform: bool, code: u8) -> u8 {
+fn report_wrong_call(reporter: &Reporter, wrong: &WrongCall) -> Exit {
+    report_failure(reporter, with_causes(wrong), wrong.hint(), false);
+    Exit::WrongCall
+}
+
+fn report_failure(reporter: &Reporter, reason: String, hint: Option<String>, platform: bool) {
     complain(&reason, hint.as_deref());
     reporter.say(&Progress::Failed {
         reason,
         hint,
         platform,
     });
-    code
 }
 
 /// For who reads standard error; nothing depends on it.
@@ -245,7 +249,7 @@ fn check(call: &Check) -> ExitCode {
         Ok(settings) => settings,
         Err(wrong) => {
             complain(&with_causes(&wrong), wrong.hint().as_deref());
-            return ExitCode::from(WRONG_CALL);
+            return Exit::WrongCall.into();
         }
     };
     let namespace_root = network::become_namespace_root();
@@ -254,7 +258,7 @@ fn check(call: &Check) -> ExitCode {
     let text = serde_json::to_string(&found).unwrap_or_default();
     match writeln!(io::stdout(), "{text}") {
         Ok(()) => ExitCode::SUCCESS,
-        Err(_) => ExitCode::from(FAILED),
+        Err(_) => Exit::Failed.into(),
     }
 }
 
@@ -269,8 +273,8 @@ fn rehearse(call: &Rehearse) -> ExitCode {
         .into_iter()
         .filter(|part| call.without.iter().any(|name| name == part.name()))
         .collect();
-    let code = match read_settings(&call.settings) {
-        Err(wrong) => report_failure(&reporter, with_causes(&wrong), wrong.hint(), false, WRONG_CALL),
+    let exit = match read_settings(&call.settings) {
+        Err(wrong) => report_wrong_call(&reporter, &wrong),
         Ok(settings) => {
             let stop = Arc::new(AtomicBool::new(false));
             let outcome = namespace_root
@@ -281,7 +285,7 @@ fn rehearse(call: &Rehearse) -> ExitCode {
         }
     };
     reporter.finish();
-    ExitCode::from(code)
+    exit.into()
 }
 
 /// It ends with its input, and not by a signal that is meant for the workload.
@@ -292,18 +296,18 @@ fn node(call: &Node) -> ExitCode {
         .find(|program| program.name() == call.program);
     match (program, read_settings(&call.settings)) {
         (Some(program), Ok(settings)) if experiment::serve(program, &settings) => ExitCode::SUCCESS,
-        (Some(_), Ok(_)) => ExitCode::from(FAILED),
-        (None, _) => ExitCode::from(WRONG_CALL),
+        (Some(_), Ok(_)) => Exit::Failed.into(),
+        (None, _) => Exit::WrongCall.into(),
         (_, Err(wrong)) => {
             complain(&with_causes(&wrong), wrong.hint().as_deref());
-            ExitCode::from(WRONG_CALL)
+            Exit::WrongCall.into()
         }
     }
 }
 
 fn enter(call: &Enter) -> ExitCode {
     let Some(host) = VirtualHost::ALL.into_iter().find(|host| host.name() == call.host) else {
-        return ExitCode::from(WRONG_CALL);
+        return Exit::WrongCall.into();
     };
     let error = enter::exec(
         call.pid,
@@ -313,7 +317,7 @@ fn enter(call: &Enter) -> ExitCode {
         &call.arguments,
     );
     complain(&with_causes(&error), Some(error.hint()));
-    ExitCode::from(FAILED)
+    Exit::Failed.into()
 }
 
 /// Blocks the signals that end a process for all threads to come. SIGHUP stays blocked for ever: the run outlives the

@@ -6,6 +6,7 @@
 pub mod check;
 pub mod control_log;
 pub mod detached;
+pub mod exit;
 pub mod name;
 pub mod plant_log;
 pub mod platform;

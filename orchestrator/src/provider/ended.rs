@@ -2,7 +2,7 @@
 
 use std::{os::unix::process::ExitStatusExt as _, process::ExitStatus};
 
-use workload::record::progress::Progress;
+use workload::record::{exit::Exit, progress::Progress};
 
 /// How a workload's process ended.
 #[derive(Debug, Clone, PartialEq, Eq)]
@@ -93,12 +93,11 @@ impl Ended {
 }
 
 /// What the workload means by an exit code.
-const fn meaning(code: i64) -> &'static str {
-    match code {
-        1 => " (the experiment went wrong)",
-        2 => " (its call or its settings were wrong)",
-        3 => " (the platform does not offer what is needed)",
-        _ => "",
+fn meaning(code: i64) -> &'static str {
+    match Exit::of(code) {
+        Some(Exit::Failed) => " (the run failed)",
+        Some(Exit::WrongCall) => " (its call or its settings were wrong)",
+        Some(Exit::Done) | None => "",
     }
 }
 
@@ -108,7 +107,7 @@ mod tests {
 
     #[rstest::rstest]
     #[case(0, true, "exit code 0")]
-    #[case(3, false, "exit code 3 (the platform does not offer what is needed)")]
+    #[case(1, false, "exit code 1 (the run failed)")]
     #[case(137, false, "killed by signal 9 (SIGKILL)")]
     #[case(255, false, "exit code 255")]
     fn an_exit_code_is_put_into_words(#[case] code: i64, #[case] success: bool, #[case] how: &str) {
