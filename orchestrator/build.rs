@@ -70,6 +70,9 @@ fn main() -> ExitCode {
     }
 }
 
+/// Names a workload that is there already, in place of a build of its own: `cargo check` and editors need none.
+const GIVEN: &str = "MATRIX_WORKLOAD_BINARY";
+
 fn build() -> Result<PathBuf, Box<dyn Error>> {
     let manifest_directory = PathBuf::from(variable("CARGO_MANIFEST_DIR")?);
     let workspace = manifest_directory
@@ -82,6 +85,15 @@ fn build() -> Result<PathBuf, Box<dyn Error>> {
     println!("cargo::rustc-env=MATRIX_SOURCE_COMMIT={commit}");
     println!("cargo::rustc-env=MATRIX_SOURCE_DIRTY={dirty}");
 
+    println!("cargo::rerun-if-env-changed={GIVEN}");
+    if let Some(given) = env::var_os(GIVEN) {
+        let given = workspace.join(given);
+        if !given.is_file() {
+            return Err(format!("{GIVEN}: {} is no file", given.display()).into());
+        }
+        rerun_if_changed(&given);
+        return Ok(given);
+    }
     let target = variable("TARGET")?
         .into_string()
         .map_err(|_| "TARGET is not text")?;
@@ -162,7 +174,8 @@ fn inner_cargo(workspace: &Path, target: &str, target_directory: &Path) -> Resul
     cargo
         .current_dir(workspace)
         .env("CARGO_ENCODED_RUSTFLAGS", flags(target_directory)?)
-        .args(["build", "--locked", "--color", "never"])
+        // The outer build has fetched all that is needed.
+        .args(["build", "--offline", "--locked", "--color", "never"])
         .args(["--package", "workload", "--bin", "workload"])
         .args(["--profile", "deploy", "--target", target, "--target-dir"])
         .arg(target_directory);
