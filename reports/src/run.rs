@@ -351,7 +351,9 @@ fn load_scenario(
 ) -> Result<ScenarioRun, ReadError> {
     let environment = directory.environment(&planned.slug);
     let read = || read_environment(&environment, checksums.environments());
-    let (environment, unknown) = match environment.exists().then(read) {
+    // One that the journal has and that is gone is an error to read, and so is remarked on.
+    let is_expected = environment.exists() || checksums.environments().next().is_some();
+    let (environment, unknown) = match is_expected.then(read) {
         None => (None, None),
         Some(Ok(environment)) => (Some(environment), None),
         Some(Err(error @ ReadError::FutureFormat { .. })) => return Err(error),

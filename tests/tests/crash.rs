@@ -284,10 +284,12 @@ fn two_lines_that_a_crash_cut_do_not_end_a_run() {
     }
 }
 
-#[test]
-fn what_is_not_known_of_a_platform_costs_no_window() {
+#[rstest]
+#[case::emptied(|file: &Path| fs::write(file, "").unwrap())]
+#[case::gone(|file: &Path| fs::remove_file(file).unwrap())]
+fn what_is_not_known_of_a_platform_costs_no_window_and_is_remarked_on(#[case] damage: fn(&Path)) {
     let (workplace, directory, scenario) = ended();
-    fs::write(scenario.join("environment.json"), "").unwrap();
+    damage(&scenario.join("environment.json"));
     let report = workplace.run(&["report", directory.to_str().unwrap()]);
     assert_eq!(report.code, Some(0), "{report:?}");
     assert!(

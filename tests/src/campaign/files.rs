@@ -158,7 +158,11 @@ fn run(scene: &Scene) -> PathBuf {
 
 /// Whatever a file has become, no command takes it for what it was, and nothing else is lost by it.
 fn look_at_damage(verdict: &mut Verdict, ended: &Ended, scene: &mut Scene, file: &Path) {
-    let before = Windows::in_place(scene);
+    // What the journal has of windows counts as it was written.
+    let before = Windows::in_place(match file == Path::new("events.jsonl") {
+        true => &ended.scene,
+        false => scene,
+    });
     let path = run(scene).to_string_lossy().into_owned();
     if let Some(report) = verdict.run(scene, &["report", &path, "--json"])
         && report.code == Some(0)

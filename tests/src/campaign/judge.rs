@@ -6,7 +6,7 @@ use serde_json::Value;
 
 use super::{
     scene::{Scene, children},
-    windows::{Window, Windows, name_of, scenarios},
+    windows::{Windows, name_of},
 };
 use crate::Ran;
 
@@ -171,14 +171,8 @@ impl Verdict {
                 Some(_) => {}
             }
         }
-        for scenario in scenarios(scene) {
-            for environment in children(&scenario.join("broken")) {
-                for folder in children(&environment) {
-                    if Window::whole(&folder).is_some() {
-                        self.note(Fault::MeasuredTwice, format!("{} is whole", folder.display()));
-                    }
-                }
-            }
+        for folder in Windows::put_aside(scene) {
+            self.note(Fault::MeasuredTwice, format!("{} is whole", folder.display()));
         }
     }
 

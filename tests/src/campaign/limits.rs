@@ -23,7 +23,8 @@ const SILENCE: Duration = Duration::from_secs(45);
 pub fn below_limits(platform: Platform) -> Vec<Point> {
     const FILES: [u32; 9] = [8, 12, 16, 20, 24, 28, 32, 40, 64];
     const FILE_KIB: [u32; 8] = [0, 1, 4, 16, 64, 256, 1024, 4096];
-    const MEMORY_MIB: [u32; 6] = [64, 128, 192, 256, 512, 1024];
+    // With less than the program's own size the kernel does not load it.
+    const MEMORY_MIB: [u32; 6] = [256, 384, 512, 1024, 1536, 3072];
     let files = FILES.map(|files| format!("--nofile={files}"));
     let lengths = FILE_KIB.map(|kib| format!("--fsize={}", u64::from(kib) << 10));
     let memory = MEMORY_MIB.map(|mib| format!("--as={}", u64::from(mib) << 20));

@@ -1,6 +1,10 @@
 //! The windows that are in a scene's folders, read from the files themselves. The main type is [`Windows`].
 
-use std::{collections::BTreeMap, fs, io, path::Path};
+use std::{
+    collections::{BTreeMap, BTreeSet},
+    fs, io,
+    path::{Path, PathBuf},
+};
 
 use serde_json::Value;
 use sha2::{Digest as _, Sha256};
@@ -17,6 +21,8 @@ pub struct Window {
     pub environment: String,
     /// The checksum of its control log; none of one that is only told of.
     control: Option<String>,
+    /// The checksum of its record; the same.
+    record: Option<String>,
 }
 
 impl Window {
@@ -30,7 +36,8 @@ impl Window {
     /// The window in a folder, if it is whole: its record says so, and each file beside it is as the record says.
     #[must_use]
     pub fn whole(folder: &Path) -> Option<Self> {
-        let record: Value = serde_json::from_slice(&fs::read(folder.join("window.json")).ok()?).ok()?;
+        let text = fs::read(folder.join("window.json")).ok()?;
+        let record: Value = serde_json::from_slice(&text).ok()?;
         let mut control = None;
         for file in record["files"].as_array()? {
             let (name, sha256) = (file["name"].as_str()?, file["sha256"].as_str()?);
@@ -45,7 +52,16 @@ impl Window {
         (record["complete"] == true && control.is_some()).then(|| Self {
             environment: record["environment"].as_str().unwrap_or_default().to_owned(),
             control,
+            record: Some(format!("{:x}", Sha256::digest(&text))),
         })
+    }
+
+    /// Whether its record is one that the journal has of a window of this name, if it has any: a digit may be another one since.
+    fn is_as_journaled(&self, name: &Name, journaled: &Journaled) -> bool {
+        match (journaled.get(name), &self.record) {
+            (Some(sums), Some(record)) => sums.contains(record),
+            _ => true,
+        }
     }
 }
 
@@ -67,7 +83,31 @@ impl Windows {
         for scenario in scenarios(scene) {
             windows.add_below(&scenario, &name_of(&scenario));
         }
+        let journaled = journaled(scene);
         windows
+            .0
+            .retain(|name, window| window.is_as_journaled(name, &journaled));
+        windows
+    }
+
+    /// The folders of those that were put aside as broken and are whole.
+    #[must_use]
+    pub fn put_aside(scene: &Scene) -> Vec<PathBuf> {
+        let journaled = journaled(scene);
+        let mut found = Vec::new();
+        for scenario in scenarios(scene) {
+            for environment in children(&scenario.join("broken")) {
+                for folder in children(&environment) {
+                    let number = number_of(&folder).unwrap_or_default();
+                    let name = (name_of(&scenario), number);
+                    if Window::whole(&folder).is_some_and(|window| window.is_as_journaled(&name, &journaled))
+                    {
+                        found.push(folder);
+                    }
+                }
+            }
+        }
+        found
     }
 
     /// Those that are anywhere: in their place, on the way to it, in an environment of this machine, or, elsewhere, told to
@@ -132,8 +172,12 @@ impl Windows {
             let number = window.as_u64().and_then(|window| u32::try_from(window).ok());
             if let (true, Some(number), Some(environment)) = (events.contains(&said), number, environment) {
                 let environment = environment.as_str().unwrap_or_default().to_owned();
-                let control = None;
-                windows.0.insert((slug, number), Window { environment, control });
+                let window = Window {
+                    environment,
+                    control: None,
+                    record: None,
+                };
+                windows.0.insert((slug, number), window);
             }
         }
         windows
@@ -148,19 +192,39 @@ impl Windows {
 
     fn add_below(&mut self, folder: &Path, slug: &str) {
         for place in children(folder) {
-            let number = name_of(&place)
-                .strip_prefix("window-")
-                .and_then(|number| number.parse().ok());
-            if let (Some(number), Some(window)) = (number, Window::whole(&place)) {
+            if let (Some(number), Some(window)) = (number_of(&place), Window::whole(&place)) {
                 self.0.entry((slug.to_owned(), number)).or_insert(window);
             }
         }
     }
 }
 
+/// A window's number, by its folder's name.
+fn number_of(folder: &Path) -> Option<u32> {
+    name_of(folder).strip_prefix("window-")?.parse().ok()
+}
+
+/// The checksums of the records of windows, of each as often as it was collected.
+type Journaled = BTreeMap<Name, BTreeSet<String>>;
+
+fn journaled(scene: &Scene) -> Journaled {
+    let mut sums = Journaled::new();
+    for entry in scene.journal() {
+        let (Some(slug), Some(number)) = (entry["scenario"].as_str(), entry["window"].as_u64()) else {
+            continue;
+        };
+        let name = (slug.to_owned(), u32::try_from(number).unwrap_or_default());
+        if let (Some("window-collected"), Some(sha256)) = (entry["event"].as_str(), entry["sha256"].as_str())
+        {
+            sums.entry(name).or_default().insert(sha256.to_owned());
+        }
+    }
+    sums
+}
+
 /// The folders of scenarios in the run directory.
 #[must_use]
-pub fn scenarios(scene: &Scene) -> Vec<std::path::PathBuf> {
+pub fn scenarios(scene: &Scene) -> Vec<PathBuf> {
     let run = scene.run_directory();
     run.map(|run| children(&run.join("scenarios")))
         .unwrap_or_default()
