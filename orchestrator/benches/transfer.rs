@@ -1,6 +1,6 @@
 //! What a scenario leaves, fetched over SSH by us and by `scp`, side by side: at no delay and at 20 ms there and back.
 //!
-//! `cargo bench --profile dev -p orchestrator --bench transfer`: in the profile that users have. Prints medians and their
+//! `cargo bench --profile dev --workspace --bench transfer`: in the profile that users have. Prints medians and their
 //! ratio; it is not a test and has no bound.
 
 #![allow(clippy::unwrap_used, clippy::print_stdout)] // As in tests; and a benchmark prints.

@@ -1,7 +1,7 @@
 //! From `matrix run` to the first control step in Docker, against `docker run` of the same image to its first line.
 //!
-//! Side by side, in turn, in one run: `cargo bench -p tests --bench docker_start`. Prints the medians and their ratio;
-//! it is not a test and has no bound.
+//! Side by side, in turn, in one run: `cargo bench --profile dev --workspace --bench docker_start`. Prints the medians and
+//! their ratio; it is not a test and has no bound.
 
 use std::{
     io::{BufRead, BufReader},

@@ -1,9 +1,10 @@
 //! The same network in several ways: the paper's links by each backend, each in a guest of its own in virtual time, so
 //! that what is compared are the networks and not what else this machine does.
 //!
-//! `cargo bench -p tests --bench network_compare` takes all ways, `-- kernel mininet` those that it names. The first is
-//! what the others are compared with. Prints the tables of `docs/network.md` and ends with 1 where a way is too far from
-//! it: a mean round trip that may be more than 0.2 ms apart, or losses or reordering that can be told apart at p < 0.001.
+//! `cargo bench --profile dev --workspace --bench network_compare` takes all ways, `-- kernel mininet` those that it names.
+//! The first is what the others are compared with. Prints the tables of `docs/network.md` and ends with 1 where a way is too
+//! far from it: a mean round trip that may be more than 0.2 ms apart, or losses or reordering that can be told apart at
+//! p < 0.001.
 
 mod comparison;
 mod way;
