@@ -40,7 +40,7 @@ const NOT_INHERITED_PREFIXES: [&str; 5] = [
 ];
 
 /// All that `matrix` is built of: a change here builds it again, and makes the tree dirty.
-const SOURCES: [&str; 12] = [
+const SOURCES: [&str; 14] = [
     "Cargo.lock",
     "Cargo.toml",
     "dockerfiles",
@@ -52,6 +52,8 @@ const SOURCES: [&str; 12] = [
     "rust-toolchain.toml",
     "vagrant/Vagrantfile",
     "workload/Cargo.toml",
+    "workload/record/Cargo.toml",
+    "workload/record/src",
     "workload/src",
 ];
 

@@ -24,11 +24,11 @@ use orchestrator::{
     matrix_file::Ssh,
     provider::{
         Environment as _, EnvironmentRequest,
-        detached::{ClockReading, DetachedEnvironment, Keeper},
+        detached::{AgentClient, ClockReading, DetachedEnvironment},
     },
 };
+use record::settings::Settings;
 use tests::sshd::{Sshd, user};
-use workload::settings::Settings;
 
 const ROUNDS: usize = 7;
 const ENVIRONMENT: &str = "matrix-transfer";
@@ -50,13 +50,13 @@ async fn main() {
     for delay in [Duration::ZERO, Duration::from_millis(10)] {
         let port = delayed(sshd.port(), delay);
         let host = host(&sshd, port);
-        let keeper = Arc::new(Keeper::new(host));
-        keeper.deployed().await.unwrap();
+        let agent = Arc::new(AgentClient::new(host));
+        agent.deployed().await.unwrap();
         let (mut ours, mut theirs, mut compressed) = (Vec::new(), Vec::new(), Vec::new());
         for _ in 0..ROUNDS {
             theirs.push(scp(&sshd, port, &data, &[]));
             compressed.push(scp(&sshd, port, &data, &["-C"]));
-            ours.push(collect(&keeper).await);
+            ours.push(collect(&agent).await);
         }
         let rate = |times: Vec<Duration>| bytes as f64 / 1e6 / median(times).as_secs_f64();
         let (ours, theirs, compressed) = (rate(ours), rate(theirs), rate(compressed));
@@ -137,11 +137,11 @@ fn request() -> EnvironmentRequest {
     }
 }
 
-async fn collect(keeper: &Arc<Keeper>) -> Duration {
+async fn collect(agent: &Arc<AgentClient>) -> Duration {
     let into = tempfile::tempdir().unwrap();
-    let (clock, _) = ClockReading::of(keeper).await.unwrap();
+    let (clock, _) = ClockReading::of(agent).await.unwrap();
     let facts = serde_json::Map::new();
-    let mut environment = DetachedEnvironment::new(Arc::clone(keeper), &request(), facts, clock, false);
+    let mut environment = DetachedEnvironment::new(Arc::clone(agent), &request(), facts, clock, false);
     let begun = Instant::now();
     environment.collect(into.path()).await.unwrap();
     begun.elapsed()

@@ -2,19 +2,16 @@
 
 use std::path::Path;
 
-use workload::{
-    record::{
-        detached::{AlreadyThere, Ending, Failure, Host, LeaseAnswer, Listed, Removed, Started, Stopping},
-        progress::Progress,
-    },
+use record::{
+    detached::{AlreadyThere, Ending, Failure, Host, LeaseAnswer, Listed, Removed, Started, Stopping},
+    progress::Progress,
     settings::Settings,
 };
 
 use crate::{
-    command::drift,
+    cli::{command::drift, plain_log},
     host::ssh::{SshClient, configuration},
     matrix_file::{self, MatrixFile},
-    observer::plain_log,
     plan::{self, order::Order, selection::Selection},
     provider::{
         EnvironmentRequest,
@@ -58,7 +55,7 @@ pub fn progress(bytes: &[u8]) {
         lines.push(piece);
         while let Ok(Some(said)) = lines.next_line() {
             let _ = serde_json::to_string::<Progress>(&said);
-            let event = reports::run_directory::Event::Workload {
+            let event = record::run_directory::Event::Workload {
                 scenario: "s".to_owned(),
                 progress: said,
             };

@@ -1,5 +1,5 @@
 //! Hosts: the machines that environments are made on, this one and others over SSH. A [`Host`] starts programs and opens
-//! sockets there; everything else (the workload's keeper, a Docker Engine, Vagrant) is a program or a socket, and does
+//! sockets there; everything else (the workload's agent, a Docker Engine, Vagrant) is a program or a socket, and does
 //! not know where it is.
 //!
 //! ```text
@@ -26,7 +26,6 @@ use crate::{
     state_directory::StateDirectory,
 };
 
-pub use self::ssh::quoted;
 pub use self::{
     error::HostError,
     forward::Forward,

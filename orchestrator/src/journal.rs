@@ -1,6 +1,6 @@
 //! The journal's writing end: an event is on disk before the thing it announces is done. The main type is [`Journal`].
 //!
-//! Reading is `reports::run_directory`'s, since a report reads the same lines.
+//! Reading is `record::run_directory`'s, since a report reads the same lines.
 
 use std::{
     fs::File,
@@ -9,7 +9,7 @@ use std::{
     time::SystemTime,
 };
 
-use reports::run_directory::{self, Chain, Event, JournalEntry, OpenOptions, Place};
+use record::run_directory::{self, Chain, Event, JournalEntry, OpenOptions, Place};
 
 /// The journal could not be written. Nothing may be created then.
 #[derive(Debug, thiserror::Error)]

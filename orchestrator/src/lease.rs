@@ -11,7 +11,7 @@ use std::{
     path::{Path, PathBuf},
 };
 
-use reports::run_directory::{OpenOptions, Place};
+use record::run_directory::{OpenOptions, Place};
 use serde::{Deserialize, Serialize};
 
 /// A lease could not be asked for.

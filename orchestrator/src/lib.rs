@@ -6,13 +6,15 @@
 //! survey        what the hosts can do
 //! plan          MatrixFile, what hosts can do -> Plan           pure
 //! run           Plan -> events -> run directory, by providers
-//! observer      events -> journal, progress bars, plain lines
-//! command       what a user asks for, made of these
+//! observer      events -> journal, and whoever watches
+//! cli           what a user asks for, made of these: all that reads arguments, prints and chooses an exit code
 //! ```
 
-pub mod arguments;
-pub mod command;
-pub mod exit;
+pub mod cli;
+pub mod disk_space;
+mod entry;
+pub mod escaping;
+pub mod failure;
 #[doc(hidden)]
 pub mod fuzzing;
 pub mod host;
@@ -22,9 +24,9 @@ pub mod matrix_file;
 pub mod observer;
 pub mod plan;
 pub mod provider;
-pub mod room;
 pub mod run;
 pub mod state_directory;
 pub mod survey;
-pub mod terminal;
 pub mod workload_binary;
+
+pub use entry::main_with;

@@ -18,26 +18,29 @@ mod typing;
 mod yaml;
 
 use std::{
+    collections::BTreeMap,
     fs::File,
     io::Read,
     path::{Path, absolute},
     sync::Arc,
 };
 
-use reports::settings::ReportSettings;
-use workload::settings::{Dynamics, Settings, SettingsProblem};
+use record::{
+    report_settings::ReportSettings,
+    settings::{Dynamics, Settings, SettingsProblem},
+};
 
 pub use axes::{Assignment, Axes, Axis, AxisValue, Exclude, Include};
 pub(crate) use axes::{FEWER, SCENARIOS};
-pub use diagnostic::{Code, Diagnostic, Diagnostics, Severity};
+pub use diagnostic::{Code, Diagnostic, DiagnosticRecord, Diagnostics, Severity};
 pub use hosts::{Connection, Host, Ssh, SshAddress, SshAddressError, THIS_MACHINE};
 pub(crate) use places::Places;
 pub use report_option::ReportOption;
 pub use schema::schema;
 pub(crate) use spelling::{did_you_mean, list, propose};
-pub(crate) use sweep::{HARDWARE, OS, Role, VIRTUALIZATION};
+pub(crate) use sweep::Role;
 
-use crate::provider::ProviderSettings;
+use crate::provider::{Catalogue, ProviderSettings};
 use source::{Source, Span, Spanned};
 use tree::{Content, Node};
 
@@ -76,6 +79,8 @@ pub struct MatrixFile {
     pub report: ReportSettings,
     /// What only one provider knows.
     pub providers: ProviderSettings,
+    /// The providers that there are.
+    pub catalogue: Catalogue,
     /// What is odd and yet no error.
     pub warnings: Diagnostics,
     /// The whole file with the profile applied: where things stand, and what sweeps are laid on.
@@ -115,13 +120,13 @@ impl SweptSettings {
 }
 
 impl MatrixFile {
-    /// Reads a file and applies a profile.
+    /// Reads a file for these providers and applies a profile.
     ///
     /// # Errors
     /// All that is wrong with it.
-    pub fn read(path: &Path, profile: Option<&str>) -> Result<Self, Diagnostics> {
+    pub fn read(path: &Path, profile: Option<&str>, catalogue: Catalogue) -> Result<Self, Diagnostics> {
         let name = path.display().to_string();
-        let mut file = Self::parse(&name, &beginning_of(path, &name)?, profile)?;
+        let mut file = Self::parse_for(&name, &beginning_of(path, &name)?, profile, catalogue)?;
         // A run goes on from any folder with what its file named.
         if let Some(folder) = absolute(path).ok().as_deref().and_then(Path::parent) {
             for host in &mut file.hosts {
@@ -131,11 +136,24 @@ impl MatrixFile {
         Ok(file)
     }
 
-    /// Reads a text under a name and applies a profile.
+    /// Reads a text under a name for the built-in providers and applies a profile.
     ///
     /// # Errors
     /// All that is wrong with it.
     pub fn parse(name: &str, bytes: &[u8], profile: Option<&str>) -> Result<Self, Diagnostics> {
+        Self::parse_for(name, bytes, profile, Catalogue::default())
+    }
+
+    /// The same for these providers.
+    ///
+    /// # Errors
+    /// All that is wrong with it.
+    pub fn parse_for(
+        name: &str,
+        bytes: &[u8],
+        profile: Option<&str>,
+        catalogue: Catalogue,
+    ) -> Result<Self, Diagnostics> {
         let source = Arc::new(decode(name, bytes)?);
         let tree = yaml::parse(&source)?;
         let mut found = Diagnostics::new();
@@ -151,14 +169,14 @@ impl MatrixFile {
                 None
             }
         };
-        let base = Self::typed(&source, tree.clone(), &mut found);
+        let base = Self::typed(&source, tree.clone(), catalogue, &mut found);
         let mut file = base;
         // Every profile is read, so that the one for next week is not found wrong next week.
         for candidate in &profiles {
             let mut over = tree.clone();
             over.overlay(candidate.node);
             let mut in_profile = Diagnostics::new();
-            let read = Self::typed(&source, over, &mut in_profile);
+            let read = Self::typed(&source, over, catalogue, &mut in_profile);
             let is_chosen = chosen.is_some_and(|chosen| std::ptr::eq(chosen, candidate));
             add_in_profile(&mut found, in_profile, candidate, is_chosen);
             if is_chosen {
@@ -176,10 +194,10 @@ impl MatrixFile {
     }
 
     /// Reads the sections of a tree. What is wrong goes to `found`, and is in the result as if it had been left out.
-    fn typed(source: &Arc<Source>, tree: Node, found: &mut Diagnostics) -> Self {
+    fn typed(source: &Arc<Source>, tree: Node, catalogue: Catalogue, found: &mut Diagnostics) -> Self {
         let nothing = Node::empty_mapping(Span::default());
         let section = |name: &str| tree.entry(name).map_or(&nothing, |entry| &entry.value);
-        let matrix = axes::read(source, section(MATRIX), found);
+        let matrix = axes::read(source, section(MATRIX), catalogue, found);
         let hosts = match tree.entry(HOSTS) {
             Some(entry) => hosts::read(source, &entry.value, found),
             None => hosts::this_machine(),
@@ -187,10 +205,7 @@ impl MatrixFile {
         // For its mistakes; what it comes to also depends on its `dynamics`.
         or_default(typing::read::<Settings>(source, section(WORKLOAD)), found);
         let report = or_default(typing::read::<ReportSettings>(source, section(REPORT)), found);
-        let providers = or_default(
-            typing::read::<ProviderSettings>(source, section(PROVIDERS)),
-            found,
-        );
+        let providers = read_providers(source, section(PROVIDERS), catalogue, found);
         let mut file = Self {
             source: Arc::clone(source),
             profile: None,
@@ -200,6 +215,7 @@ impl MatrixFile {
             workload: Settings::default(),
             report,
             providers,
+            catalogue,
             warnings: Diagnostics::new(),
             tree,
         };
@@ -210,13 +226,26 @@ impl MatrixFile {
         file.check_sweeps(found);
         check_alpha(&file.places(), &file.report, found);
         file.check_vagrant(found);
+        file.check_outside(found);
         file
+    }
+
+    /// What only a provider from outside this crate can know of its section.
+    fn check_outside(&self, found: &mut Diagnostics) {
+        for (name, options) in &self.providers.outside {
+            let check = self.catalogue.kind(name).map(|kind| kind.check);
+            if let Some(Err(reason)) = check.map(|check| check(options)) {
+                let span = self.place_of_key(&format!("{PROVIDERS}.{name}"));
+                let message = format!("`{name}` does not take these settings: {reason}");
+                found.push(Diagnostic::error(&self.source, Code::InvalidValue, span, message));
+            }
+        }
     }
 
     /// What the host's Vagrant could be made to do more than make a guest.
     fn check_vagrant(&self, found: &mut Diagnostics) {
-        for (provider, settings) in self.providers.of_vagrant() {
-            for (place, refusal) in settings.refusals(provider) {
+        for (provider, settings, allowed) in self.catalogue.of_vagrant(&self.providers) {
+            for (place, refusal) in settings.refusals(provider, allowed) {
                 let span = self.place_of(&format!("{PROVIDERS}.{provider}.{place}"));
                 let error = Diagnostic::error(&self.source, Code::InvalidValue, span, refusal.reason);
                 found.push(error.help(refusal.instead));
@@ -326,6 +355,29 @@ fn or_default<T: Default>(read: Result<T, Diagnostics>, found: &mut Diagnostics)
         found.extend(wrong);
         T::default()
     })
+}
+
+/// The section `providers:`. Those from outside this crate look at their parts of it themselves, as they stand there.
+fn read_providers(
+    source: &Arc<Source>,
+    section: &Node,
+    catalogue: Catalogue,
+    found: &mut Diagnostics,
+) -> ProviderSettings {
+    let mut built_in = section.clone();
+    let mut outside = BTreeMap::new();
+    if let Content::Mapping(entries) = &mut built_in.content {
+        for entry in entries.extract_if(.., |entry| catalogue.is_from_outside(&entry.key.value)) {
+            if !entry.value.is_null() {
+                let options = typing::read::<serde_json::Value>(source, &entry.value);
+                outside.insert(entry.key.value, or_default(options, found));
+            }
+        }
+    }
+    ProviderSettings {
+        outside,
+        ..or_default(typing::read(source, &built_in), found)
+    }
 }
 
 fn unreadable(name: &str, error: &std::io::Error) -> Diagnostics {

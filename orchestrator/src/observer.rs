@@ -1,13 +1,9 @@
-//! Observers: those who watch a run. Execution says what happens only as events; what a person sees of them is decided
-//! here. The main types are [`Observer`] and [`Events`].
-
-pub mod plain_log;
-pub mod progress_bars;
+//! Observers: those who watch a run. Execution says what happens only as events; what a person sees of them, the
+//! observers of [`crate::cli`] decide. The main types are [`Observer`] and [`Events`].
 
 use std::sync::{Mutex, MutexGuard, PoisonError};
 
-use reports::run_directory::Event;
-use workload::record::progress::Progress;
+use record::{progress::Progress, run_directory::Event};
 
 use crate::{
     journal::{Journal, JournalError},

@@ -15,9 +15,12 @@ mod units;
 
 use std::collections::{BTreeMap, BTreeSet};
 
-use reports::run_directory::{FORMAT, PlanRecord, PlannedScenario};
+use record::{
+    axis::VIRTUALIZATION,
+    run_directory::{FORMAT, PlanRecord, PlannedScenario},
+    settings::{Need, Settings},
+};
 use serde_json::Value;
-use workload::settings::{Need, Settings};
 
 pub use attainable::Attainable;
 use order::Order;
@@ -27,7 +30,7 @@ pub use units::WindowDesign;
 
 use crate::{
     matrix_file::{Code, Diagnostic, Diagnostics, FEWER, MatrixFile},
-    provider::docker::{self, AskedRight},
+    provider::AskedRight,
 };
 use attainable::{fewest_values, smallest_p};
 use expansion::{Combination, expand};
@@ -45,7 +48,7 @@ pub struct Plan {
     pub windows: Option<WindowDesign>,
     /// The hosts that could not be asked what they can do, and why.
     pub silent: BTreeMap<String, String>,
-    /// What containers of scenarios that run may do beyond what every container of ours may.
+    /// What environments of scenarios that run may do beyond what every environment of ours may.
     pub rights: Vec<AskedRight>,
     /// What is odd and yet no error, the file's own warnings among it.
     pub warnings: Diagnostics,
@@ -127,11 +130,9 @@ pub fn plan(
         *measuring_s.entry(&scenario.host).or_default() += measuring_seconds(&scenario.settings);
     }
     check_windows(file, &scenarios, &mut found);
-    let in_containers = |it: &&PlannedScenario| it.axis("virtualization").as_deref() == Some(docker::NAME);
-    let rights = match running.iter().copied().find(in_containers) {
-        Some(_) => file.providers.docker.asked_rights(),
-        None => Vec::new(),
-    };
+    let used: BTreeSet<_> = running.iter().filter_map(|it| it.axis(VIRTUALIZATION)).collect();
+    let kinds = file.catalogue.kinds().filter(|kind| used.contains(kind.name));
+    let rights = kinds.flat_map(|kind| (kind.rights)(&file.providers)).collect();
     let record = PlanRecord {
         format: FORMAT,
         order: order.arrange(&running, seed),
@@ -166,7 +167,8 @@ fn check_windows(file: &MatrixFile, scenarios: &[PlannedScenario], found: &mut D
 /// What the file says of a host must be so, and one that is out of reach is worth a word. Of hosts that are to measure
 /// something: what is played needs no machine.
 fn check_hosts(file: &MatrixFile, combinations: &[Combination], offers: &[Offer], found: &mut Diagnostics) {
-    let measured = |it: &&Combination| it.excluded.is_none() && it.virtualization() != PLAYED;
+    let measured =
+        |it: &&Combination| it.excluded.is_none() && !file.catalogue.is_simulated(it.virtualization());
     let wanted: BTreeSet<&str> = combinations
         .iter()
         .filter(measured)
@@ -195,9 +197,6 @@ fn check_hosts(file: &MatrixFile, combinations: &[Combination], offers: &[Offer]
         }
     }
 }
-
-/// The one virtualization that is a fake.
-const PLAYED: &str = "fake";
 
 /// Names, settings and hosts for the combinations.
 fn scenarios(
@@ -236,6 +235,7 @@ fn scenarios(
                 reason,
                 fix,
                 not_selected: None,
+                simulated: file.catalogue.is_simulated(combination.virtualization()),
                 settings,
             }
         })
@@ -347,7 +347,7 @@ fn check_attainable(file: &MatrixFile, attainable: Attainable, found: &mut Diagn
             let window = file.workload.period.duration() * u32::try_from(periods).unwrap_or(u32::MAX);
             format!(
                 "write `window: {}` under `workload:`, which is {periods} periods and reaches p = {}, or a larger `alpha`",
-                workload::quantity::TimeSpan::from(window),
+                record::quantity::TimeSpan::from(window),
                 spell_p(smallest_p(fewest, fewest)),
             )
         }

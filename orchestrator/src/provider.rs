@@ -4,8 +4,11 @@
 //! live handle. What is asked for is an [`EnvironmentRequest`], plain data, so that a crashed run can ask again for the
 //! very same thing. Every resource is named after the environment or labelled with it: that is how leftovers are found.
 //!
-//! [`choose`] is the one place that knows which providers there are.
+//! [`ProviderKind`] is a row of the one place that knows which providers there are, the [`Catalogue`].
 
+mod asked_right;
+pub(crate) mod backoff;
+mod catalogue;
 pub(crate) mod data_folder;
 pub mod detached;
 pub mod docker;
@@ -14,9 +17,9 @@ pub(crate) mod environment_directory;
 mod error;
 pub mod facts;
 pub mod fake;
+mod fleet;
 pub(crate) mod lines;
 pub mod native;
-pub(crate) mod patience;
 mod roster;
 mod settings;
 pub(crate) mod trial;
@@ -26,35 +29,28 @@ use std::{
     ffi::OsString,
     iter,
     path::{Path, PathBuf},
-    sync::Arc,
 };
 
 use async_trait::async_trait;
-use reports::run_directory::Resource;
-use serde_json::{Map, Value};
-use workload::{
+use record::{
     causes::with_causes,
-    record::{detached::Owner, progress::Progress},
+    detached::Owner,
+    progress::Progress,
+    run_directory::Resource,
     settings::{Need, Settings},
 };
+use serde_json::{Map, Value};
 
-use crate::{
-    host::{Host, Program},
-    state_directory::StateDirectory,
-};
+use crate::host::Program;
 
+pub use asked_right::AskedRight;
+pub use catalogue::{Catalogue, Hosts, Make, Making, NameTaken, ProviderKind};
 pub use ended::Ended;
-pub(crate) use error::file_hint;
-pub use error::{Cause, ProviderError};
+pub use error::ProviderError;
+pub use fleet::Fleet;
 pub use roster::Roster;
 pub use settings::ProviderSettings;
-
-use self::{
-    docker::Docker,
-    fake::Fake,
-    native::Native,
-    vagrant::{Vagrant, VagrantSettings},
-};
+pub use vagrant::kind::VagrantKind;
 
 /// Whether something can be had on a host.
 #[derive(Debug, Clone, PartialEq, Eq)]
@@ -142,7 +138,7 @@ pub trait Provider: Send + Sync {
     /// Whether it can work here, whatever the settings need. Creates nothing.
     async fn survey(&self) -> Availability;
 
-    /// Whether its environments meet a need; none where that is not known before there is one. Asked where it can work
+    /// Whether its environments meet a need; none if that can only be known once there is one. Asked where it can work
     /// here. Creates nothing that outlives the call.
     async fn survey_need(&self, need: &Need) -> Option<Availability> {
         let _ = need;
@@ -171,7 +167,8 @@ pub trait Provider: Send + Sync {
     /// When there is no shell in it.
     async fn shell(&self, environment: &str) -> Result<Program, ProviderError>;
 
-    /// Everything of ours that exists on this host, whichever run it belongs to.
+    /// Everything that environments of this provider left on this host, whichever run they belong to. What has no owner
+    /// on record, and the bridges of networks, are `native`'s.
     ///
     /// # Errors
     /// When the platform cannot be asked.
@@ -238,97 +235,4 @@ pub struct Leftover {
     pub scenario: Option<String>,
     /// Whether a workload runs in it now.
     pub running: bool,
-}
-
-/// The provider of a `virtualization` on a host.
-///
-/// # Errors
-/// When there is none of that name.
-pub fn choose(
-    virtualization: &str,
-    settings: &ProviderSettings,
-    host: &Arc<dyn Host>,
-) -> Result<Box<dyn Provider>, ProviderError> {
-    let machines = |provider, settings: &VagrantSettings| -> Box<dyn Provider> {
-        Box::new(Vagrant::new(provider, Arc::clone(host), settings.clone()))
-    };
-    Ok(match virtualization {
-        "native" => Box::new(Native::new(Arc::clone(host))),
-        "docker" => Box::new(Docker::on(host, settings.docker.clone())),
-        "libvirt" => machines("libvirt", &settings.libvirt),
-        "virtualbox" => machines("virtualbox", &settings.virtualbox),
-        "vmware_desktop" => machines("vmware_desktop", &settings.vmware_desktop),
-        "parallels" => machines("parallels", &settings.parallels),
-        "hyperv" => machines("hyperv", &settings.hyperv),
-        "qemu" => machines("qemu", &settings.qemu),
-        "fake" => Box::new(Fake::new(
-            host.name(),
-            settings.fake.clone(),
-            StateDirectory::of_this_user(),
-        )),
-        other => {
-            return Err(ProviderError::Unknown {
-                name: other.to_owned(),
-            });
-        }
-    })
-}
-
-/// Every name that [`choose`] knows: the values of the `virtualization` axis.
-pub const NAMES: [&str; 9] = [
-    "native",
-    "docker",
-    "libvirt",
-    "virtualbox",
-    "vmware_desktop",
-    "parallels",
-    "hyperv",
-    "qemu",
-    "fake",
-];
-
-/// Those of them that are virtual machines through Vagrant.
-pub const MACHINES: [&str; 6] = [
-    "libvirt",
-    "virtualbox",
-    "vmware_desktop",
-    "parallels",
-    "hyperv",
-    "qemu",
-];
-
-/// Every provider that can have left something behind on a host.
-#[must_use]
-pub fn all(host: &Arc<dyn Host>) -> Vec<Box<dyn Provider>> {
-    NAMES
-        .into_iter()
-        // The fake platform of every host is on this machine.
-        .filter(|name| host.is_this_machine() || *name != "fake")
-        .filter_map(|name| choose(name, &ProviderSettings::default(), host).ok())
-        .collect()
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-    use crate::host::Here;
-
-    #[test]
-    fn every_name_has_its_provider_and_no_other_has() {
-        let settings = ProviderSettings::default();
-        let here: Arc<dyn Host> = Arc::new(Here::new("here", StateDirectory::of_this_user()));
-        for name in NAMES {
-            assert_eq!(
-                choose(name, &settings, &here)
-                    .map(|provider| provider.name())
-                    .ok(),
-                Some(name)
-            );
-        }
-        let error = choose("dokcer", &settings, &here).map(|_| ()).unwrap_err();
-        assert!(
-            error.hint().is_some_and(|hint| hint.contains("docker")),
-            "{error}"
-        );
-    }
 }

@@ -12,7 +12,7 @@ pub mod collection;
 mod compression;
 pub mod inspection;
 pub mod keep;
-pub mod record;
+pub mod recorded;
 pub mod register;
 pub mod scenario;
 pub mod session;
@@ -20,29 +20,26 @@ pub mod silence;
 pub mod state;
 pub mod stop;
 
-use std::{collections::BTreeSet, io, sync::Arc};
+use std::{collections::BTreeSet, io};
 
+use collection::CollectionError;
 use futures_util::future::try_join_all;
-use reports::run_directory::{Event, PlanRecord, PlannedScenario, RunDirectory};
+use keep::Keep;
+use record::run_directory::{Event, PlanRecord, PlannedScenario, RunDirectory};
+use stop::Stop;
 use tokio::{
     sync::{RwLock, RwLockWriteGuard},
     task::spawn_blocking,
 };
 
 use crate::{
-    host::{
-        Host,
-        lease::{Answer, HostLease},
-    },
+    disk_space,
+    host::lease::{Answer, HostLease},
     journal::JournalError,
     lease::Holder,
     observer::Events,
-    provider::{Provider, ProviderError},
-    room,
+    provider::{Fleet, ProviderError},
 };
-use collection::CollectionError;
-use keep::Keep;
-use stop::Stop;
 
 /// A run that cannot go on. What happened to single scenarios is in the journal, not here.
 #[derive(Debug, thiserror::Error)]
@@ -65,24 +62,9 @@ impl RunError {
         match self {
             Self::Journal(error) => Some(error.hint()),
             Self::Collection(error) => Some(error.hint()),
-            Self::RunDirectory(error) => Some(room::hint(error)),
+            Self::RunDirectory(error) => Some(disk_space::hint(error)),
         }
     }
-}
-
-/// The machines of a run: the production ones, or a test's.
-pub trait Fleet: Sync {
-    /// The host of that name in the matrix file.
-    ///
-    /// # Errors
-    /// When there is none.
-    fn host(&self, name: &str) -> Result<Arc<dyn Host>, ProviderError>;
-
-    /// What makes a scenario's environments on its host.
-    ///
-    /// # Errors
-    /// When there is no such provider or host.
-    fn provider(&self, planned: &PlannedScenario) -> Result<Arc<dyn Provider>, ProviderError>;
 }
 
 /// One plan being carried out.
@@ -212,7 +194,7 @@ impl Run<'_> {
         &self,
         planned: &PlannedScenario,
         lease: &mut Option<HostLease>,
-    ) -> Result<bool, scenario::Trouble> {
+    ) -> Result<bool, scenario::ScenarioError> {
         let name = planned.host.as_deref().unwrap_or_default();
         loop {
             let asked = match lease.as_mut() {

@@ -10,9 +10,9 @@ use std::{
     sync::Arc,
 };
 
-use workload::{
+use record::{
     causes::with_causes,
-    record::platform::{PlatformRecord, RealtimeGrant},
+    platform::{PlatformRecord, RealtimeGrant},
     settings::Need,
 };
 
@@ -20,7 +20,7 @@ use crate::{
     host::{self, Host},
     matrix_file::{self, Connection, MatrixFile},
     plan::{self, HostFacts, Obstacle, ProviderFacts, Questions},
-    provider::{Availability, Provider, Roster, detached::Keeper},
+    provider::{Availability, Provider, Roster, detached::AgentClient},
     state_directory::StateDirectory,
 };
 
@@ -32,7 +32,7 @@ pub fn roster(file: &MatrixFile) -> Roster {
         .hosts
         .iter()
         .map(|it| host::of(&it.name.value, &it.connection, &state));
-    Roster::new(file.providers.clone(), hosts)
+    Roster::new(file.catalogue, file.providers.clone(), hosts)
 }
 
 /// Asks every host of the matrix what it is, and then for what its scenarios need. One that cannot be asked is in the
@@ -84,7 +84,7 @@ pub async fn identity(host: Arc<dyn Host>) -> HostFacts {
     if host.is_this_machine() {
         return this_machine();
     }
-    match Keeper::new(host).platform().await {
+    match AgentClient::new(host).platform().await {
         Ok(host) => of_platform(host.platform),
         Err(error) => HostFacts {
             obstacle: Some(Obstacle {
@@ -113,12 +113,19 @@ fn of_platform(platform: PlatformRecord) -> HostFacts {
 /// connection away.
 pub async fn ask(host: &str, questions: Questions, roster: &Roster) -> BTreeMap<String, ProviderFacts> {
     let mut asking = Vec::new();
+    let mut answers = BTreeMap::new();
     for (name, needs) in questions {
-        if let Ok(provider) = roster.of(&name, host) {
-            asking.push((name, tokio::spawn(ask_provider(provider, needs))));
+        match roster.of(&name, host) {
+            Ok(provider) => asking.push((name, tokio::spawn(ask_provider(provider, needs)))),
+            Err(error) => {
+                let facts = ProviderFacts {
+                    availability: Availability::prevented_by(error),
+                    needs: BTreeMap::new(),
+                };
+                answers.insert(name, facts);
+            }
         }
     }
-    let mut answers = BTreeMap::new();
     for (name, answer) in asking {
         if let Ok(facts) = answer.await {
             answers.insert(name, facts);

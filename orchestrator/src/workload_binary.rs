@@ -24,7 +24,7 @@ use rustix::{
 use sha2::{Digest as _, Sha256};
 
 use crate::{
-    provider::file_hint,
+    failure::file_hint,
     state_directory::{self, StateDirectory},
 };
 

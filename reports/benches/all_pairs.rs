@@ -8,11 +8,13 @@
 
 use std::{env, fs, hint::black_box, io::Write as _, path::Path, process::Command, time::Duration};
 
+use record::report_settings::ReportSettings;
 use reports::{
-    comparison::{compare, pairs_of},
-    ks::{self, Pool, Procedure},
-    sample::Sample,
-    settings::ReportSettings,
+    analysis::{
+        comparison::{compare, pairs_of},
+        sample::Sample,
+    },
+    statistics::ks::{self, Pool, Procedure},
 };
 use timing::{median, time};
 

@@ -15,11 +15,11 @@ use std::{
     time::Duration,
 };
 
+use record::control_log::ControlRow;
 use serde_json::json;
 use sha2::{Digest, Sha256};
 use synthetic::{Scenario, Synthetic};
 use timing::{median, time};
-use workload::record::control_log::ControlRow;
 
 #[path = "../tests/reports/synthetic.rs"]
 mod synthetic;

@@ -19,12 +19,12 @@ use pcap_file::{
     DataLink, Endianness, TsResolution,
     pcap::{PcapHeader, PcapPacket, PcapWriter},
 };
+use record::{
+    virtual_host::VirtualHost,
+    window::{CaptureRecord, FileRecord},
+};
 use synthetic::{Scenario, Synthetic};
 use timing::{median, time};
-use workload::{
-    record::window::{CaptureRecord, FileRecord},
-    virtual_host::VirtualHost,
-};
 
 #[path = "../tests/reports/synthetic.rs"]
 mod synthetic;
@@ -56,14 +56,14 @@ fn main() {
     let folder = synthetic.directory.window(SLUG, 1).path();
     let captures = write_captures(&synthetic, &folder);
     let run = reports::load(synthetic.directory.path()).unwrap();
-    let traffic = reports::traffic::read(&run);
+    let traffic = reports::input::traffic::read(&run);
     let [state, _] = &traffic.scenarios["a"].windows[0].directions;
     let lost = state.total(|period| period.lost);
     assert_eq!(lost, state.total(|period| period.sent_again), "as they were made");
 
     let (mut ours, mut theirs) = (Vec::new(), Vec::new());
     for _ in 0..ROUNDS {
-        ours.push(time(|| reports::traffic::read(&run)));
+        ours.push(time(|| reports::input::traffic::read(&run)));
         theirs.push(time(|| captures.iter().for_each(|capture| tshark(capture))));
     }
     let packets: u64 = run.scenarios[0]

@@ -14,7 +14,7 @@ use std::collections::BTreeMap;
 use rayon::prelude::*;
 use reports::{
     drift::{Metric, Night, Settings, Verdict, baseline, history, night::Measured},
-    simulation::Noise,
+    statistics::noise_model::Noise,
 };
 use serde_json::Value;
 

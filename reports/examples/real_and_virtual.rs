@@ -13,18 +13,16 @@
 use std::{env, error::Error, fs, path::Path, process::Command};
 
 use rayon::prelude::*;
-use reports::{
-    ks,
+use record::{
+    control_log::ControlRow,
+    report_settings::{Metric, ReportSettings},
     run_directory::PeriodError,
-    settings::{Metric, ReportSettings},
+    settings::{Dynamics, Settings},
 };
+use reports::statistics::ks;
 use serde::Serialize;
 use serde_json::json;
-use workload::{
-    record::control_log::ControlRow,
-    settings::{Dynamics, Settings},
-    simulation::{Platform, Simulation},
-};
+use workload::simulation::{Platform, Simulation};
 
 type Outcome<T> = Result<T, Box<dyn Error>>;
 

@@ -30,8 +30,9 @@ mod tests;
 pub use acknowledgement::schema;
 pub use acknowledgement::{Acknowledgement, Acknowledgements, Baseline};
 pub use change_point::{ChangePoint, Search, Statistic, change_points};
-pub use night::{Lack, Metric, Night};
+pub use night::{Metric, MissingData, Night};
 pub use prediction::Prediction;
+pub use render::DriftDocument;
 pub use series::{Cause, Series, series_of};
 pub use trend::Trend;
 

@@ -19,8 +19,12 @@ mod table;
 
 use std::path::PathBuf;
 
+use record::{
+    layout,
+    run_directory::{PlannedScenario, ReadError, RunDirectory, RunRecords, ScenarioChecksums, read_window},
+    settings::Messages as MessageForm,
+};
 use serde::Serialize;
-use workload::settings::Messages as MessageForm;
 
 pub use self::table::TableError;
 use self::{
@@ -29,17 +33,15 @@ use self::{
     log::{Logged, LoggedMessages},
     table::{MessageRow, MessageTable},
 };
-use crate::{
-    ReadError,
-    packets::{CaptureReadError, CapturedWindow, Stretch, Topic},
-    run_directory::{PlannedScenario, RunDirectory, RunRecords, ScenarioChecksums, read_window},
-};
+use crate::input::packets::{CaptureReadError, CapturedWindow, Stretch, Topic};
 
 /// How many of the messages that were not found are named.
 const NAMED: usize = 10;
 
 /// What the captures of a run say about its messages.
 #[derive(Debug, Clone, PartialEq, Serialize)]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
+#[cfg_attr(feature = "schema", schemars(title = "matrix messages --json"))]
 pub struct Messages {
     /// The run.
     pub run: String,
@@ -49,6 +51,7 @@ pub struct Messages {
 
 /// One scenario's.
 #[derive(Debug, Clone, PartialEq, Serialize)]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 pub struct ScenarioMessages {
     /// Its letter.
     pub id: String,
@@ -64,6 +67,7 @@ pub struct ScenarioMessages {
 
 /// One topic's, over all windows of a scenario.
 #[derive(Debug, Clone, PartialEq, Serialize)]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 pub struct TopicMessages {
     /// `state` or `command`.
     pub topic: &'static str,
@@ -89,6 +93,7 @@ pub struct TopicMessages {
 
 /// Delays, in nanoseconds.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize)]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 pub struct OneWayDelay {
     /// The shortest.
     pub min_ns: i64,
@@ -197,7 +202,7 @@ fn captured_windows(
     let mut windows = Vec::new();
     for number in 1..=planned.settings.windows {
         let folder = directory.window(&planned.slug, number);
-        let about = folder.join("window.json");
+        let about = folder.join(layout::WINDOW);
         if !about.exists() {
             continue;
         }

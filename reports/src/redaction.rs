@@ -12,17 +12,19 @@ use std::{
     path::{Path, PathBuf},
 };
 
-use serde::{Serialize, de::DeserializeOwned};
-use serde_json::{Map, Value};
-use workload::{record::window::WindowRecord, virtual_host::VirtualHost};
-
-use crate::{
-    run::{Ending, Run, ScenarioRun, WindowState},
+use record::{
+    layout,
     run_directory::{
         Chain, Event, FORMAT, Journal, JournalEntry, Kind as Entry, LONGEST_RECORD, Place, ReadError,
         RunDirectory, RunRecords, ScenarioChecksums, read_environment, read_file, read_record, read_window,
     },
+    virtual_host::VirtualHost,
+    window::WindowRecord,
 };
+use serde::{Serialize, de::DeserializeOwned};
+use serde_json::{Map, Value};
+
+use crate::input::run::{Ending, Run, ScenarioRun, WindowState};
 
 /// What a reader of a report must know.
 pub(crate) const REMARK: &str =
@@ -279,7 +281,7 @@ impl Found {
             ("axes", Value::Object(axes)) => {
                 self.axes.extend(
                     axes.values()
-                        .map(|value| crate::report::text_of(value).to_ascii_lowercase()),
+                        .map(|value| record::axis::text_of(value).to_ascii_lowercase()),
                 );
             }
             ("slug", Value::String(slug)) => drop(self.axes.insert(slug.to_ascii_lowercase())),
@@ -404,7 +406,7 @@ enum Kind {
 impl Kind {
     fn of(file: &Place) -> Option<Self> {
         match file.name() {
-            "window.json" => Some(Self::Document),
+            layout::WINDOW => Some(Self::Document),
             name if name.starts_with("environment") && name.ends_with(".json") => Some(Self::Document),
             name if name.starts_with("network") && name.ends_with(".txt") => Some(Self::Text),
             _ => None,
@@ -420,7 +422,7 @@ fn files(scenario: &Place) -> io::Result<Vec<Place>> {
     }
     for (place, kind) in scenario.entries()? {
         match kind {
-            Entry::Folder if place.name().starts_with("window-") => {
+            Entry::Folder if layout::window_of(place.name()).is_some() => {
                 let inner = place.entries()?;
                 files.extend(inner.into_iter().filter(is_file).map(|(place, _)| place));
             }
@@ -606,12 +608,8 @@ fn copy_scenario(
 
 /// A copy has checksums of its own: what is damaged would be whole in it.
 fn see_that_it_is_as_written(document: &Place, known: &ScenarioChecksums) -> Result<(), ReadError> {
-    let window = document.parent().name().strip_prefix("window-").map(str::parse);
-    match window {
-        Some(number) => {
-            let sha256 = number.ok().and_then(|number| known.window(number));
-            read_window(&document.parent(), sha256).map(drop)
-        }
+    match layout::window_of(document.parent().name()) {
+        Some(window) => read_window(&document.parent(), known.window(window)).map(drop),
         None => read_environment(document, known.environments()).map(drop),
     }
 }

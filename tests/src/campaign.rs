@@ -26,10 +26,11 @@ use std::{
 
 use nix::sys::signal::Signal;
 
-use judge::{FAULTS, Fault, Verdict};
-use kills::{Caller, Victim};
-use scene::Platform;
-
+use self::{
+    judge::{FAULTS, Fault, Verdict},
+    kills::{Caller, Victim},
+    scene::Platform,
+};
 use crate::matrix_binary;
 
 /// One thing that is done to a run, and what is looked at afterwards.

@@ -122,3 +122,52 @@ pub fn go_on_whole(workplace: &Workplace) {
         "each window is one environment's: {collected:?}"
     );
 }
+
+/// A matrix of one scenario with four windows.
+#[must_use]
+pub fn four_windows(virtualization: &str) -> String {
+    format!(
+        "matrix:\n  virtualization: [{virtualization}]\n\
+         workload:\n  windows: 4\n  window: 3s\n  period: 1s\n  reference: {{amplitude_m: 0.05}}\n"
+    )
+}
+
+/// Which environment measured each of the four windows.
+///
+/// # Panics
+/// When one of them is not there or not complete.
+#[must_use]
+pub fn environments_of_windows(workplace: &Workplace) -> Vec<String> {
+    let scenario = workplace.scenario_directory();
+    (1..=4)
+        .map(|window| {
+            let path = scenario.join(format!("window-{window}/window.json"));
+            let record: Value = serde_json::from_slice(&std::fs::read(path).expect("the window is there"))
+                .expect("a record is JSON");
+            assert_eq!(record["complete"], true, "{record:#}");
+            record["environment"].as_str().expect("it names it").to_owned()
+        })
+        .collect()
+}
+
+/// Kills `matrix` in the second window and resumes: the environment went on measuring, and its windows are collected.
+///
+/// # Panics
+/// When it was not so.
+pub fn is_found_and_collected(virtualization: &str) {
+    let workplace = Workplace::measuring();
+    workplace.write("m.yaml", four_windows(virtualization));
+    let mut running = workplace.start(&["run", "m.yaml"]);
+    running.wait_for("window 1 complete");
+    running.kill();
+    let directory = workplace.run_directory();
+    let resumed = workplace.run(&["resume", directory.to_str().expect("the path is text")]);
+    assert_eq!(resumed.code, Some(0), "{resumed:?}");
+    assert!(resumed.err.contains("found"), "{resumed:?}");
+    let environments = environments_of_windows(&workplace);
+    assert!(
+        environments.iter().all(|name| *name == environments[0]),
+        "one environment measured all: {environments:?}"
+    );
+    assert_eq!(workplace.run(&["clean"]).code, Some(0));
+}

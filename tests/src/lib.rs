@@ -1,11 +1,12 @@
 //! End-to-end tests of the `matrix` command as a user has it: the real binary in a folder of its own.
 //!
-//! The tests are in `tests/`, this is what they share. The main type is [`Workplace`]; [`Guest`] is a machine with a
-//! kernel of its own.
+//! The hermetic tests are in `tests/tests`, the others in `tests/machine` and `tests/engines`. This is what they share. The
+//! main type is [`Workplace`]; [`Guest`] is a machine with a kernel of its own.
 
 pub mod browser;
 pub mod campaign;
 pub mod difference;
+pub mod documents;
 pub mod engine;
 mod fleet;
 mod guest;
@@ -53,6 +54,21 @@ pub fn matrix_binary() -> &'static Path {
             .manifest_path(Path::new(env!("CARGO_MANIFEST_DIR")).join("../Cargo.toml"))
             .run()
             .expect("`cargo build -p orchestrator` works")
+            .path()
+            .to_owned()
+    })
+}
+
+/// Where the program of `orchestrator/examples/provider_from_outside.rs` is; built first if need be, as [`matrix_binary`].
+pub fn program_with_another_provider() -> &'static Path {
+    static BINARY: OnceLock<PathBuf> = OnceLock::new();
+    BINARY.get_or_init(|| {
+        escargot::CargoBuild::new()
+            .package("orchestrator")
+            .example("provider_from_outside")
+            .manifest_path(Path::new(env!("CARGO_MANIFEST_DIR")).join("../Cargo.toml"))
+            .run()
+            .expect("`cargo build -p orchestrator --example provider_from_outside` works")
             .path()
             .to_owned()
     })

@@ -6,7 +6,11 @@ use std::{
     path::{Path, PathBuf},
 };
 
-use reports::{analyse, run_directory::RunDirectory, traffic, verification::verify};
+use record::run_directory::RunDirectory;
+use reports::{
+    analyse,
+    input::{traffic, verification::verify},
+};
 use serde_json::Value;
 use tests::{Workplace, without_checksums};
 
@@ -45,7 +49,7 @@ fn scenario(directory: &Path) -> PathBuf {
 fn report(directory: &Path) -> Result<String, String> {
     let run = reports::load(directory).map_err(|error| error.to_string())?;
     let report = analyse(&run, traffic::read(&run), &run.manifest.report);
-    serde_json::to_string(&report.json()).map_err(|error| error.to_string())
+    serde_json::to_string(&report.present().json()).map_err(|error| error.to_string())
 }
 
 /// Changes a digit of a file to the next one at each of at most so many places, spread over all that it has, and gives them to

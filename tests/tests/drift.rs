@@ -2,7 +2,7 @@
 
 use std::fs;
 
-use tests::{Ran, Workplace};
+use tests::{Ran, Workplace, documents::assert_described};
 
 const SCENARIO: &str = "x86-64-debian-12-fake";
 
@@ -58,6 +58,7 @@ fn a_night_shift_is_told_once_what_changed_and_never_that_nothing_did_when_nothi
     assert!(junit.contains("failures=\"1\""), "{junit}");
     let said = workplace.json(&["drift", "runs"]);
     assert_eq!(said["verdict"], "drift", "{said:#}");
+    assert_described(&workplace, "drift-result", &said);
     let body: serde_json::Value =
         serde_json::from_slice(&fs::read(workplace.path().join("drift.json")).unwrap()).unwrap();
     assert_eq!(body["drift"], said);

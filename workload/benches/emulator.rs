@@ -13,12 +13,12 @@ use std::{
     time::{Duration, Instant},
 };
 
-use workload::{
-    network::{self, Network},
+use record::{
     quantity::{BitRate, Fraction, TimeSpan},
     settings::NetworkSettings,
     virtual_host::VirtualHost,
 };
+use workload::network::{self, Network};
 
 /// How long each flood lasts.
 const FLOOD: Duration = Duration::from_secs(5);

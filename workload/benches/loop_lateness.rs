@@ -21,7 +21,7 @@ use std::{
     thread::{self, JoinHandle},
 };
 
-use workload::record::{platform::PlatformRecord, window::WindowRecord};
+use record::{platform::PlatformRecord, window::WindowRecord};
 
 /// The histogram of cyclictest goes that far; it says how many were beyond.
 const LONGEST_US: usize = 100_000;

@@ -30,12 +30,14 @@ use std::{
 
 use clap::Parser;
 use nix::sys::socket::{setsockopt, sockopt};
+use record::{
+    settings::{RealtimeSettings, Settings},
+    virtual_host::VirtualHost,
+};
 use serde::Serialize;
 use workload::{
     network::{self, Network},
     realtime::{enter_realtime, monotonic_ns, sleep_until},
-    settings::{RealtimeSettings, Settings},
-    virtual_host::VirtualHost,
     virtual_time::{
         exchange::{Conditions, Exchange, Peer},
         tcp::Counts,

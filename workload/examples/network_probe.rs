@@ -23,13 +23,15 @@ use std::{
 };
 
 use clap::Parser;
+use record::{
+    settings::{RealtimeSettings, Settings},
+    virtual_host::VirtualHost,
+    window::LinkRecord,
+};
 use serde::Serialize;
 use workload::{
     network::{self, Network},
     realtime::{enter_realtime, monotonic_ns, sleep_until},
-    record::window::LinkRecord,
-    settings::{RealtimeSettings, Settings},
-    virtual_host::VirtualHost,
 };
 
 type Outcome<T> = Result<T, Box<dyn Error + Send + Sync>>;

@@ -7,12 +7,11 @@
 
 use std::fs;
 
+use record::platform::PrivilegeRecord;
 use rustix::thread::{
     CapabilitySet, CapabilitySets, capabilities, clear_ambient_capability_set,
     remove_capability_from_bounding_set, set_capabilities, set_no_new_privs,
 };
-
-use crate::record::platform::PrivilegeRecord;
 
 /// Each with what it is for. A container has fewer of them, and an ordinary user has them in a namespace of its own alone.
 const KEPT: CapabilitySet = CapabilitySet::NET_ADMIN // `tc` in the network's namespaces, counters

@@ -10,10 +10,12 @@
 //! With rates from the plant, exact delays of 20 ms each way (phase zero) and the author's reference this gives mean
 //! |r − x| = 0.118 m a period for the ball's true position and 0.120 m for the received one; see [`crate::simulation`].
 
-use crate::{
-    plant::{AUTHORS_PI, AxisState, GEAR_RATIO},
+use record::{
+    control_log::ControlRow,
     settings::{Feedback, Limit, PdGains, Rates, Settings, StepOrder},
 };
+
+use crate::plant::{AUTHORS_PI, AxisState, GEAR_RATIO};
 
 /// Both PD controllers of both axes, and what they remember from step to step.
 #[derive(Debug, Clone, PartialEq)]
@@ -43,6 +45,29 @@ pub struct Action {
     pub used: [AxisState; 2],
     /// What it computed, in volts, `[x, y]`.
     pub computed_v: [f64; 2],
+}
+
+impl Action {
+    /// The row of `control.csv` with what was wanted, known and commanded; its number and times are still zero.
+    #[must_use]
+    pub fn row(&self, reference_m: [f64; 2]) -> ControlRow {
+        let [x, y] = self.used;
+        ControlRow {
+            reference_x_m: reference_m[0],
+            reference_y_m: reference_m[1],
+            x_m: x.position_m,
+            x_rate_m_s: x.speed_m_s,
+            angle_x_rad: x.angle_rad,
+            angle_x_rate_rad_s: x.angle_rate_rad_s,
+            y_m: y.position_m,
+            y_rate_m_s: y.speed_m_s,
+            angle_y_rad: y.angle_rad,
+            angle_y_rate_rad_s: y.angle_rate_rad_s,
+            command_x_v: self.computed_v[0],
+            command_y_v: self.computed_v[1],
+            ..ControlRow::default()
+        }
+    }
 }
 
 impl Controller {
@@ -140,10 +165,10 @@ impl History {
 mod tests {
     #![allow(clippy::approx_constant)]
 
+    use record::settings::Dynamics;
     use rstest::rstest;
 
     use super::*;
-    use crate::settings::Dynamics;
 
     fn state(position_m: f64, speed_m_s: f64, angle_rad: f64, angle_rate_rad_s: f64) -> AxisState {
         AxisState {

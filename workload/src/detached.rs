@@ -1,4 +1,4 @@
-//! `workload detached`: a workload that goes on by itself while its user comes and goes, and its keeper. The same verbs
+//! `workload detached`: a workload that goes on by itself while its user comes and goes, and its agent. The same verbs
 //! serve this machine, a host over SSH and a VM, wherever this binary can be started.
 //!
 //! ```text
@@ -8,7 +8,7 @@
 //! ```
 //!
 //! Nothing else has to live: the workload is found by its command line, and an end that the supervisor did not live to
-//! see is noticed all the same. Each verb is a file. What is said and answered is in [`crate::record::detached`]; a
+//! see is noticed all the same. Each verb is a file. What is said and answered is in [`record::detached`]; a
 //! failure is one line of JSON on standard error. The main type is [`Verb`].
 
 mod collect;
@@ -35,17 +35,13 @@ use std::{
 };
 
 use clap::{Args, Subcommand};
+use record::{causes::with_causes, detached::Failure, exit::Exit, quantity::TimeSpan};
 
 pub use self::{
     collect::send,
     error::DetachedError,
     folder::EnvironmentFolder,
     receive::{Receiver, receive},
-};
-use crate::{
-    causes::with_causes,
-    quantity::TimeSpan,
-    record::{detached::Failure, exit::Exit},
 };
 
 /// What a keeper is asked for.

@@ -17,8 +17,7 @@ use nix::{
     errno::Errno,
     sched::{CloneFlags, setns},
 };
-
-use crate::virtual_host::VirtualHost;
+use record::virtual_host::VirtualHost;
 
 /// Why a host could not be entered.
 #[derive(Debug, thiserror::Error)]

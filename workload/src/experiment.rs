@@ -2,8 +2,8 @@
 //!
 //! ```text
 //! h1    ROS master
-//! sta1  /controller   states -> slot -> controller loop -> commands
-//! sta2  /plant        commands -> slot -> plant loop -> states
+//! sta1  /controller   states -> latest value -> controller loop -> commands
+//! sta2  /plant        commands -> latest value -> plant loop -> states
 //!
 //! both loops -> queues -> Recorder -> control.csv, plant.csv, captures -> sealer -> window.json
 //! ```
@@ -17,29 +17,28 @@
 
 mod conditions;
 mod connection;
-mod doors;
 mod error;
 mod lateness;
+mod latest_value;
+mod listeners;
 mod log_file;
 mod loop_threads;
 mod loops;
 mod master;
 pub mod message;
+mod namespace_thread;
 mod node_messages;
 mod node_process;
 mod node_program;
 mod nodes;
-mod notice_board;
-mod on_host;
+mod notices;
 mod open_window;
 mod platform_watch;
 mod recorder;
 mod rehearsal;
 mod reporter;
 pub mod schedule;
-mod slot;
 mod snapshot;
-mod validity;
 mod window_folder;
 
 use std::{
@@ -51,16 +50,13 @@ use std::{
     time::Duration,
 };
 
-use self::{
-    doors::Doors,
-    loops::Shared,
-    nodes::{Loops, Nodes, Setting},
-    notice_board::NoticeBoard,
-    open_window::WindowShape,
-    platform_watch::PlatformWatch,
-    recorder::{Recorder, Sources},
-    schedule::Schedule,
+use record::{
+    layout,
+    progress::Progress,
+    settings::{ImpairedFrom, Settings},
+    virtual_host::VirtualHost,
 };
+
 pub use self::{
     error::ExperimentError,
     master::{survey as survey_master, uri as master_uri},
@@ -71,14 +67,21 @@ pub use self::{
     reporter::Reporter,
     window_folder::write_whole,
 };
+use self::{
+    listeners::Listeners,
+    loops::Shared,
+    nodes::{Loops, Nodes, Setting},
+    notices::NoticeQueue,
+    open_window::WindowShape,
+    platform_watch::PlatformWatch,
+    recorder::{Recorder, Sources},
+    schedule::Schedule,
+};
 use crate::{
     capabilities::drop_unneeded,
     capture::Capture,
     network::{self, Network},
     realtime::{lock_memory, monotonic_ns},
-    record::progress::Progress,
-    settings::{ImpairedFrom, Settings},
-    virtual_host::VirtualHost,
 };
 
 /// How far ahead the plant's first step is chosen: room to tell the loops. The first window's files and captures have
@@ -112,14 +115,14 @@ pub fn run(
     let network = network::open(&settings.network, emulator_priority(settings))?;
     // Before anything is read that comes over the network, and before any other program is started.
     drop_unneeded();
-    let _doors = Doors::open(network.as_ref())?;
+    let _doors = Listeners::open(network.as_ref())?;
     reporter.say(&Progress::NetworkUp);
     if settings.network.impaired_from == ImpairedFrom::Start {
         network.impair()?;
     }
     let watch = PlatformWatch::start(&request.data, settings.ros.master)?;
     let captures = start_captures(settings, network.as_ref())?;
-    let mut board = NoticeBoard::new();
+    let mut board = NoticeQueue::new();
     let log_dropped = Arc::new(AtomicU64::new(0));
     let nodes = Nodes::connect(&Setting {
         network: network.as_ref(),
@@ -202,7 +205,7 @@ fn keep_transcript(request: &Request, network: &dyn Network) -> Result<(), Exper
     let Some(transcript) = network.transcript() else {
         return Ok(());
     };
-    let path = request.data.join("network.txt");
+    let path = request.data.join(layout::NETWORK);
     std::fs::write(&path, transcript).map_err(|source| ExperimentError::Write { path, source })
 }
 

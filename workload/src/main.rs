@@ -16,19 +16,18 @@ use std::{
 
 use clap::{Args, Parser, Subcommand, builder::PossibleValuesParser};
 use nix::sys::signal::{SigSet, Signal};
+use record::{
+    causes::with_causes,
+    exit::Exit,
+    progress::{Part, Progress},
+    settings::{Dynamics, Settings},
+    virtual_host::VirtualHost,
+};
 use workload::{
     capabilities::drop_unneeded,
-    causes::with_causes,
-    detached, enter,
+    check, detached, enter,
     experiment::{self, Ending, ExperimentError, Program, Reporter, Request},
     limits, network,
-    record::{
-        exit::Exit,
-        progress::{Part, Progress},
-    },
-    settings::{Dynamics, Settings},
-    survey,
-    virtual_host::VirtualHost,
 };
 
 /// One networked control experiment, in one environment.
@@ -253,7 +252,7 @@ fn check(call: &Check) -> ExitCode {
         }
     };
     let namespace_root = network::become_namespace_root();
-    let found = survey::check(&settings, namespace_root);
+    let found = check::check(&settings, namespace_root);
     // Plain data can always be written as JSON.
     let text = serde_json::to_string(&found).unwrap_or_default();
     match writeln!(io::stdout(), "{text}") {

@@ -18,8 +18,7 @@
 use std::time::Duration;
 
 use nalgebra::{SMatrix, SVector};
-
-use crate::settings::{Discretization, PlantSettings};
+use record::settings::{Discretization, PlantSettings};
 
 /// Turns of the motor's shaft for one turn of the plate.
 pub const GEAR_RATIO: f64 = 16.0;
@@ -222,9 +221,9 @@ mod tests {
     #![allow(clippy::approx_constant)]
 
     use proptest::prelude::*;
+    use record::settings::{Dynamics, Settings};
 
     use super::*;
-    use crate::settings::{Dynamics, Settings};
 
     const STEP: Duration = Duration::from_millis(20);
 

@@ -14,8 +14,7 @@ use nix::{
     },
     time::{ClockId, ClockNanosleepFlags, clock_getres, clock_gettime, clock_nanosleep},
 };
-
-use crate::{record::platform::RealtimeGrant, settings::RealtimeSettings};
+use record::{platform::RealtimeGrant, settings::RealtimeSettings};
 
 /// The monotonic clock, in nanoseconds since some time before the process began.
 #[must_use]

@@ -5,7 +5,7 @@
 
 use std::f64::consts::TAU;
 
-use crate::settings::{ReferenceBy, Settings};
+use record::settings::{ReferenceBy, Settings};
 
 /// The path of one experiment.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -48,10 +48,10 @@ impl Reference {
 #[cfg(test)]
 mod tests {
     use proptest::prelude::*;
+    use record::settings::Dynamics;
     use rstest::rstest;
 
     use super::*;
-    use crate::settings::Dynamics;
 
     const STEP_NS: i64 = 20_000_000;
 

@@ -19,7 +19,6 @@
 mod address;
 mod connection_header;
 mod connections;
-mod crew;
 mod error;
 pub mod float64_multi_array;
 mod frames;
@@ -38,13 +37,15 @@ pub mod string;
 mod subscription;
 #[cfg(test)]
 mod tests;
+mod thread_group;
 mod xml_rpc;
 
 pub use error::RosError;
 pub use master::Master;
 pub use message_type::MessageType;
-pub use node::{Node, NodeConfig, ThreadSetup};
+pub use node::{Node, NodeConfig};
 pub use notice::{Notice, Notices};
 pub use publisher::{PublishOutcome, Publisher, Subscribers};
 pub use rosmaster::Rosmaster;
 pub use subscription::Subscription;
+pub use thread_group::ThreadSetup;

@@ -30,12 +30,13 @@
 //! than nominal. Any phase within the step gives three steps (60 ms, stable), and half a step leaves the most room on both
 //! ways: 10 ms, nine times the standard deviation of the jitter. The received error is 0.1204 m as before.
 
+mod programs;
+mod ticks;
+
 use std::{collections::VecDeque, time::Duration};
 
 use oorandom::Rand64;
-
-mod programs;
-mod ticks;
+use record::{control_log::ControlRow, settings::Settings};
 
 pub use self::ticks::Stalls;
 use self::{
@@ -49,9 +50,7 @@ use crate::{
         schedule::Schedule,
     },
     plant::Plant,
-    record::control_log::ControlRow,
     reference::Reference,
-    settings::Settings,
     virtual_time::{
         exchange::{Conditions, Exchange},
         programs::run,

@@ -11,7 +11,8 @@
 //! [`Star`](crate::network::star::Star):
 //!
 //! ```
-//! use workload::{settings::NetworkSettings, virtual_time::exchange::{Conditions, Exchange, Peer}};
+//! use record::settings::NetworkSettings;
+//! use workload::virtual_time::exchange::{Conditions, Exchange, Peer};
 //!
 //! let mut exchange = Exchange::new(&Conditions::of(&NetworkSettings::default()), 1);
 //! exchange.send(0, Peer::Plant, "a state", 58);

@@ -2,7 +2,7 @@
 
 use std::time::Duration;
 
-use crate::provider::Cause;
+use crate::failure::Cause;
 
 /// What went wrong. Callers tell these apart by what they can do: repair the way, try again, or repair the host.
 #[derive(Debug, thiserror::Error)]

@@ -12,6 +12,7 @@
 use std::{ffi::OsStr, sync::Arc, time::Duration};
 
 use futures_util::StreamExt as _;
+use record::detached::{Failure, LeaseAnswer, LeaseRequest};
 use serde_json::{Map, Value};
 use tokio::{
     io::AsyncWriteExt as _,
@@ -21,7 +22,6 @@ use tokio::{
     time::{Instant, interval, sleep, timeout},
 };
 use tokio_util::codec::{FramedRead, LinesCodec};
-use workload::record::detached::{Failure, LeaseAnswer, LeaseRequest};
 
 use super::{Host, HostError, Program, ProgramEnd};
 use crate::lease::Holder;

@@ -40,7 +40,6 @@ use tokio::{
 };
 
 pub use self::{
-    command_line::quoted,
     configuration::SshClient,
     error::{Complaint, SshError},
     hop::Trust,
@@ -48,8 +47,8 @@ pub use self::{
 use self::{hop::Hop, idle::IdleLinks, link::Link, pump::Ended};
 use super::{Deployed, Exit, Host, HostError, Listener, Program, ProgramEnd, RunningProgram};
 use crate::{
+    failure::Cause,
     matrix_file::{Ssh, SshAddress},
-    provider::Cause,
 };
 
 /// How long it may take until a stream is there. Each part of the way has a bound of its own; this one is for an agent

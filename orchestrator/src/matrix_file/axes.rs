@@ -4,7 +4,7 @@
 
 use std::sync::Arc;
 
-use reports::run_directory::PlanRecord;
+use record::run_directory::PlanRecord;
 
 use super::{
     diagnostic::{Code, Diagnostic, Diagnostics},
@@ -13,7 +13,7 @@ use super::{
     sweep::{Role, known_axes},
     tree::{Content, Node},
 };
-use crate::provider;
+use crate::provider::Catalogue;
 
 /// The section.
 #[derive(Debug, Clone, PartialEq)]
@@ -102,10 +102,11 @@ const EXCLUDE: &str = "exclude";
 const INCLUDE: &str = "include";
 const REASON: &str = "reason";
 
-/// Reads the section. What is wrong goes to `found`; what is right is in the result.
-pub fn read(source: &Arc<Source>, node: &Node, found: &mut Diagnostics) -> Axes {
+/// Reads the section for these providers. What is wrong goes to `found`; what is right is in the result.
+pub fn read(source: &Arc<Source>, node: &Node, catalogue: Catalogue, found: &mut Diagnostics) -> Axes {
     let mut section = Section {
         source,
+        catalogue,
         found,
         labels: Vec::new(),
     };
@@ -139,6 +140,7 @@ pub fn read(source: &Arc<Source>, node: &Node, found: &mut Diagnostics) -> Axes 
 
 struct Section<'a> {
     source: &'a Arc<Source>,
+    catalogue: Catalogue,
     found: &'a mut Diagnostics,
     /// Labels that were warned of: once is enough.
     labels: Vec<String>,
@@ -257,7 +259,7 @@ impl Section<'_> {
             self.wrong_type(node, "a word or a number");
             return None;
         };
-        if Role::of(axis) == Ok(Role::Virtualization) && !provider::NAMES.contains(&text) {
+        if Role::of(axis) == Ok(Role::Virtualization) && self.catalogue.kind(text).is_none() {
             let error = self
                 .error(
                     Code::UnknownValue,
@@ -265,7 +267,7 @@ impl Section<'_> {
                     format!("there is no virtualization `{text}`"),
                 )
                 .label("unknown value")
-                .help(propose(text, provider::NAMES));
+                .help(propose(text, self.catalogue.names()));
             self.found.push(error);
             return None;
         }

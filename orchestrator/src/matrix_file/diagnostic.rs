@@ -5,7 +5,8 @@
 use std::{error::Error, fmt, sync::Arc};
 
 use annotate_snippets::{AnnotationKind, Group, Level, Renderer, Snippet};
-use serde_json::{Value, json};
+use schemars::JsonSchema;
+use serde::Serialize;
 
 use super::source::{Source, Span};
 
@@ -142,6 +143,46 @@ pub struct Diagnostic {
     others: Vec<Label>,
 }
 
+/// A mistake in a matrix file or in a selection, as a program reads it.
+#[derive(Debug, Serialize, JsonSchema)]
+pub struct DiagnosticRecord<'a> {
+    /// `error` or `warning`.
+    pub severity: &'static str,
+    /// The kind of mistake, a stable name such as `unknown-key`.
+    pub code: &'static str,
+    /// What is wrong, in one sentence.
+    pub message: &'a str,
+    /// The file, or the option, that it is in.
+    pub file: &'a str,
+    /// The line of the place, from 1.
+    pub line: usize,
+    /// The column of the place, from 1, in characters.
+    pub column: usize,
+    /// The line of the place's end, from 1.
+    pub end_line: usize,
+    /// The column of the place's end, from 1, in characters.
+    pub end_column: usize,
+    /// The line's text.
+    pub text: String,
+    /// The note at the marked place; may be empty.
+    pub label: &'a str,
+    /// What to write instead; null if nothing can be proposed.
+    pub help: Option<&'a str>,
+    /// Further places that have to do with it.
+    pub others: Vec<OtherPlace<'a>>,
+}
+
+/// A further place that has to do with a mistake.
+#[derive(Debug, Serialize, JsonSchema)]
+pub struct OtherPlace<'a> {
+    /// Its line, from 1.
+    pub line: usize,
+    /// Its column, from 1, in characters.
+    pub column: usize,
+    /// What to say of it.
+    pub text: &'a str,
+}
+
 impl Diagnostic {
     /// An error at a place.
     pub fn error(source: &Arc<Source>, code: Code, span: Span, message: impl Into<String>) -> Self {
@@ -238,33 +279,33 @@ impl Diagnostic {
         renderer.render(&[group])
     }
 
-    /// As a program reads it: severity, code, message, file, line and column from 1, help, and the other places.
+    /// As a program reads it.
     #[must_use]
-    pub fn to_json(&self) -> Value {
+    pub fn to_json(&self) -> DiagnosticRecord<'_> {
         let from = self.source.place(self.label.span.start);
         let to = self.source.place(self.label.span.end);
-        let others: Vec<_> = self
-            .others
-            .iter()
-            .map(|other| {
-                let place = self.source.place(other.span.start);
-                json!({ "line": place.line, "column": place.column, "text": other.text })
-            })
-            .collect();
-        json!({
-            "severity": self.severity.name(),
-            "code": self.code.name(),
-            "message": self.message,
-            "file": self.source.name(),
-            "line": from.line,
-            "column": from.column,
-            "end_line": to.line,
-            "end_column": to.column,
-            "text": shortened(self.source.line(from.line).to_owned()),
-            "label": self.label.text,
-            "help": self.help,
-            "others": others,
-        })
+        let others = self.others.iter().map(|other| {
+            let place = self.source.place(other.span.start);
+            OtherPlace {
+                line: place.line,
+                column: place.column,
+                text: &other.text,
+            }
+        });
+        DiagnosticRecord {
+            severity: self.severity.name(),
+            code: self.code.name(),
+            message: &self.message,
+            file: self.source.name(),
+            line: from.line,
+            column: from.column,
+            end_line: to.line,
+            end_column: to.column,
+            text: shortened(self.source.line(from.line).to_owned()),
+            label: &self.label.text,
+            help: self.help.as_deref(),
+            others: others.collect(),
+        }
     }
 }
 
@@ -357,7 +398,7 @@ impl Diagnostics {
 
     /// As a program reads them: a list.
     #[must_use]
-    pub fn to_json(&self) -> Value {
+    pub fn to_json(&self) -> Vec<DiagnosticRecord<'_>> {
         self.kept.iter().map(Diagnostic::to_json).collect()
     }
 }

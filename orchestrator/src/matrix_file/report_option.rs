@@ -3,7 +3,7 @@
 
 use std::sync::Arc;
 
-use reports::{run_directory::PlannedScenario, settings::ReportSettings};
+use record::{report_settings::ReportSettings, run_directory::PlannedScenario};
 
 use super::{
     Diagnostics, Places, check_alpha,
@@ -100,8 +100,8 @@ fn nothing() -> Node {
 
 #[cfg(test)]
 mod tests {
+    use record::settings::Settings;
     use rstest::rstest;
-    use workload::settings::Settings;
 
     use super::*;
 
@@ -117,6 +117,7 @@ mod tests {
             reason: None,
             fix: None,
             not_selected: None,
+            simulated: false,
             settings: Settings::default(),
         };
         vec![scenario("a", "native"), scenario("b", "docker")]

@@ -2,29 +2,35 @@
 //!
 //! The sections' own types give their own parts; what is free in a matrix file, the axes, is written here.
 
-use reports::settings::ReportSettings;
+use record::{report_settings::ReportSettings, settings::Settings};
 use schemars::{generate::SchemaSettings, json_schema};
 use serde_json::{Value, json};
-use workload::settings::Settings;
 
 use super::{hosts::HostEntry, sweep::setting_paths};
-use crate::provider::{self, ProviderSettings};
+use crate::provider::{Catalogue, ProviderSettings};
 
-/// The JSON Schema (draft 2020-12) of a matrix file.
+/// The JSON Schema (draft 2020-12) of a matrix file for these providers.
 #[must_use]
-pub fn schema() -> Value {
+pub fn schema(catalogue: Catalogue) -> Value {
     let mut generator = SchemaSettings::draft2020_12().into_generator();
     let workload = generator.subschema_for::<Settings>();
     let report = generator.subschema_for::<ReportSettings>();
     let providers = generator.subschema_for::<ProviderSettings>();
     let host = generator.subschema_for::<HostEntry>();
-    let matrix = matrix();
+    let matrix = matrix(catalogue);
     let profile = json_schema!({
         "description": "Overrides, laid over the sections of the file when the profile is chosen.",
         "type": ["object", "null"],
         "additionalProperties": false,
         "properties": { "matrix": matrix, "workload": workload, "report": report, "providers": providers },
     });
+    let mut definitions = generator.take_definitions(true);
+    let sections = definitions.get_mut("ProviderSettings");
+    if let Some(Value::Object(sections)) = sections.and_then(|it| it.get_mut("properties")) {
+        for kind in catalogue.outside() {
+            sections.insert(kind.name.to_owned(), json!({ "type": ["object", "null"] }));
+        }
+    }
     json!({
         "$schema": "https://json-schema.org/draft/2020-12/schema",
         "title": "Matrix file",
@@ -49,15 +55,15 @@ pub fn schema() -> Value {
                 "additionalProperties": profile,
             },
         },
-        "$defs": generator.take_definitions(true),
+        "$defs": definitions,
     })
 }
 
 /// The `matrix` section: axes are free keys, the known ones described.
-fn matrix() -> Value {
+fn matrix(catalogue: Catalogue) -> Value {
     let value = json!({ "type": ["string", "number", "boolean"] });
     let axis = json!({ "type": "array", "minItems": 1, "uniqueItems": true, "items": value });
-    let virtualization = json!({ "enum": provider::NAMES });
+    let virtualization = json!({ "enum": catalogue.names().collect::<Vec<_>>() });
     let mut properties = json!({
         "hardware": with_description(&axis, "Hardware that hosts offer; the hosts give it when left out."),
         "os": with_description(&axis, "Operating systems that hosts offer; the hosts give them when left out."),

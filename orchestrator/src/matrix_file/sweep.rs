@@ -5,8 +5,11 @@
 
 use std::sync::LazyLock;
 
+use record::{
+    axis::{HARDWARE, OS, VIRTUALIZATION},
+    settings::Settings,
+};
 use serde_json::Value;
-use workload::settings::Settings;
 
 use super::spelling::{list, propose};
 
@@ -33,13 +36,6 @@ pub struct NoAxis {
     /// What to write.
     pub help: String,
 }
-
-/// The names of the axes that every scenario has.
-pub const HARDWARE: &str = "hardware";
-/// As above.
-pub const OS: &str = "os";
-/// As above.
-pub const VIRTUALIZATION: &str = "virtualization";
 
 impl Role {
     /// The role of an axis of that name.

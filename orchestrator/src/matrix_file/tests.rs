@@ -7,8 +7,23 @@ use rstest::rstest;
 use super::*;
 use crate::{
     plan::{HostFacts, ProviderFacts, Selection, order::Order, plan},
-    provider::Availability,
+    provider::{Availability, Making, Provider, ProviderError, ProviderKind},
 };
+
+/// A provider from outside this crate whose settings have an even number of keys.
+static OUTSIDE: [ProviderKind; 1] = [ProviderKind {
+    check: |options| match options.as_object().map_or(1, serde_json::Map::len) % 2 {
+        0 => Ok(()),
+        _ => Err("the number of keys is odd".to_owned()),
+    },
+    ..ProviderKind::new("elsewhere", nowhere)
+}];
+
+fn nowhere(making: &Making<'_>) -> Result<Box<dyn Provider>, ProviderError> {
+    Err(ProviderError::UnknownHost {
+        name: making.host.name().to_owned(),
+    })
+}
 
 fn works() -> ProviderFacts {
     ProviderFacts {
@@ -150,7 +165,7 @@ fn an_unknown_profile_is_asked_about() {
 
 #[test]
 fn a_file_that_is_not_there_is_named() {
-    let found = MatrixFile::read(Path::new("/nowhere/matrix.yaml"), None).unwrap_err();
+    let found = MatrixFile::read(Path::new("/nowhere/matrix.yaml"), None, Catalogue::default()).unwrap_err();
     insta::assert_snapshot!(found);
 }
 
@@ -201,7 +216,7 @@ fn programs_read_the_same() {
 #[test]
 fn a_byte_order_mark_shifts_nothing() {
     let found = told("\u{feff}matirx: {}\n".as_bytes(), None);
-    assert_eq!(found.to_json()[0]["column"], 1);
+    assert_eq!(found.to_json()[0].column, 1);
 }
 
 #[test]
@@ -217,8 +232,50 @@ fn a_profile_overrides_and_keeps_the_rest() {
     assert_eq!(file.matrix.axes[0].values[0].text, "fake");
 }
 
+#[test]
+fn a_provider_from_outside_has_its_value_and_its_section_and_checks_it() {
+    let catalogue = Catalogue::with(&OUTSIDE).unwrap();
+    let parse = |section: &str| {
+        let text = format!("matrix: {{virtualization: [elsewhere]}}\nproviders: {{{section}}}\n");
+        MatrixFile::parse_for("m", text.as_bytes(), None, catalogue)
+    };
+    let file = parse("elsewhere: {a: 22.10, b: [x, 1]}, docker: {image: debian}").unwrap();
+    assert_eq!(file.providers.docker.image.as_deref(), Some("debian"));
+    let record = file.providers.to_record().unwrap();
+    assert_eq!(record["elsewhere"], serde_json::json!({"a": 22.1, "b": ["x", 1]}));
+    let read = catalogue.settings_of(record.clone()).unwrap();
+    assert_eq!(read, file.providers);
+    // Without the provider nobody can read its section.
+    assert!(Catalogue::default().settings_of(record).is_err());
+    assert!(parse("elsewhere: null").unwrap().providers.outside.is_empty());
+
+    let found = parse("elsewhere: {a: 1}").unwrap_err();
+    let [wrong] = found.iter().collect::<Vec<_>>()[..] else {
+        panic!("{found}")
+    };
+    assert_eq!(
+        wrong.message,
+        "`elsewhere` does not take these settings: the number of keys is odd"
+    );
+    let unknown = MatrixFile::parse("m", b"matrix: {virtualization: [elsewhere]}", None).unwrap_err();
+    assert!(
+        unknown
+            .to_string()
+            .contains("there is no virtualization `elsewhere`")
+    );
+}
+
+#[test]
+fn the_schema_has_the_providers_from_outside() {
+    let schema = schema(Catalogue::with(&OUTSIDE).unwrap());
+    let sections = &schema["$defs"]["ProviderSettings"]["properties"];
+    assert!(sections["elsewhere"].is_object() && sections["outside"].is_null());
+    let values = &schema["properties"]["matrix"]["properties"]["virtualization"]["items"]["enum"];
+    assert_eq!(values.as_array().unwrap().last().unwrap(), "elsewhere");
+}
+
 #[rstest]
-#[case("matrix.schema.json", "matrix schema", &schema())]
+#[case("matrix.schema.json", "matrix schema", &schema(Catalogue::default()))]
 #[case("drift.schema.json", "matrix schema drift", &reports::drift::schema())]
 fn the_schema_that_is_committed_is_current(
     #[case] name: &str,

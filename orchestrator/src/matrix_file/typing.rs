@@ -8,6 +8,7 @@ mod reader;
 
 use std::{collections::HashSet, fmt, sync::Arc};
 
+use reader::Reader;
 use serde::de::{self, DeserializeOwned, Expected, Unexpected};
 
 use super::{
@@ -16,7 +17,6 @@ use super::{
     spelling::{list, propose},
     tree::Node,
 };
-use reader::Reader;
 
 /// Errors that are reported of one section; a file with more is not a matrix file.
 const ERRORS: usize = 50;
@@ -225,7 +225,7 @@ fn spell_wanted(wanted: &str) -> String {
 
 #[cfg(test)]
 mod tests {
-    use workload::settings::Settings;
+    use record::settings::Settings;
 
     use super::*;
     use crate::matrix_file::yaml;

@@ -5,11 +5,12 @@
 //! Kolmogorov-Smirnov test: of the C(n+m, n) equally likely arrangements only the two with one sample wholly before the
 //! other are as extreme, so p = 2 / C(n+m, n) (Gibbons and Chakraborti, *Nonparametric Statistical Inference*, 6.3).
 
-use reports::ks::smallest_attainable_p;
+use reports::statistics::ks::smallest_attainable_p;
+use schemars::JsonSchema;
 use serde::Serialize;
 
 /// Sizes of two samples and the smallest p their comparison can reach.
-#[derive(Debug, Clone, Copy, PartialEq, Serialize)]
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, JsonSchema)]
 pub struct Pair {
     /// Values in the one.
     pub n: u64,
@@ -20,7 +21,7 @@ pub struct Pair {
 }
 
 /// The range over all comparisons of a plan.
-#[derive(Debug, Clone, Copy, PartialEq, Serialize)]
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, JsonSchema)]
 pub struct Attainable {
     /// A comparison is rejected below this.
     pub alpha: f64,

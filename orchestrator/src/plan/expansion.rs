@@ -8,10 +8,12 @@
 
 use std::collections::{HashMap, HashSet};
 
+use record::axis::{HARDWARE, NATIVE, OS, VIRTUALIZATION};
+
 use super::placement::Offer;
 use crate::matrix_file::{
-    Assignment, Axis, AxisValue, Code, Diagnostic, Diagnostics, Exclude, FEWER, HARDWARE, Include,
-    MatrixFile, OS, Role, SCENARIOS, VIRTUALIZATION, did_you_mean, list, propose, source::Span,
+    Assignment, Axis, AxisValue, Code, Diagnostic, Diagnostics, Exclude, FEWER, Include, MatrixFile, Role,
+    SCENARIOS, did_you_mean, list, propose, source::Span,
 };
 
 /// The reason of an exclude that gives none.
@@ -39,7 +41,7 @@ impl Combination {
     /// What makes its environment.
     #[must_use]
     pub fn virtualization(&self) -> &str {
-        self.value(VIRTUALIZATION).unwrap_or("native")
+        self.value(VIRTUALIZATION).unwrap_or(NATIVE)
     }
 
     /// The values that sweep a setting of the workload.
@@ -401,7 +403,7 @@ impl<'a> Expansion<'a> {
         for draft in drafts {
             let mut axes: Values = draft.original.into_iter().chain(draft.added).collect();
             if value_of(&axes, VIRTUALIZATION).is_none() {
-                axes.push((VIRTUALIZATION.to_owned(), AxisValue::word("native")));
+                axes.push((VIRTUALIZATION.to_owned(), AxisValue::word(NATIVE)));
             }
             let mut identity: Vec<_> = axes
                 .iter()

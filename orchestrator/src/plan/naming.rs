@@ -2,7 +2,7 @@
 
 use std::collections::{HashMap, HashSet};
 
-pub use reports::run_directory::letter;
+pub use record::run_directory::letter;
 use sha2::{Digest, Sha256};
 
 use crate::matrix_file::Role;

@@ -8,7 +8,7 @@
 use std::collections::BTreeMap;
 
 use clap::ValueEnum;
-use reports::run_directory::PlannedScenario;
+use record::run_directory::PlannedScenario;
 
 /// How scenarios are put in order. Those of one host run one after another in this order, whatever others do.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, ValueEnum)]

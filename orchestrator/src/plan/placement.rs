@@ -2,12 +2,16 @@
 
 use std::collections::BTreeMap;
 
+use record::{
+    axis::{HARDWARE, OS},
+    settings::Need,
+};
+use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
-use workload::settings::Need;
 
 use super::expansion::Combination;
 use crate::{
-    matrix_file::{HARDWARE, Host, OS, did_you_mean, list},
+    matrix_file::{Host, did_you_mean, list},
     provider::Availability,
 };
 
@@ -47,7 +51,7 @@ pub struct Offer {
     /// Its operating system.
     pub os: String,
     /// What is wrong with what the file says that it is.
-    pub contradiction: Option<Contradiction>,
+    pub contradiction: Option<IdentityMismatch>,
     facts: Option<HostFacts>,
 }
 
@@ -64,7 +68,7 @@ impl Offer {
             hardware: or_found(&host.hardware, facts.map(|facts| &facts.hardware)),
             os: or_found(&host.os, facts.map(|facts| &facts.os)),
             contradiction: facts.and_then(|facts| {
-                let claim = Claim {
+                let claim = HostIdentity {
                     host: &host.name.value,
                     hardware: host.hardware.as_deref(),
                     os: host.os.as_deref(),
@@ -116,7 +120,7 @@ impl Offer {
 /// What is said of a host. Values are names that a user chooses, such as `intel-i7`, so that only what is certainly another
 /// machine's or system's name is false.
 #[derive(Debug, Clone, Copy)]
-pub struct Claim<'a> {
+pub struct HostIdentity<'a> {
     /// Its name.
     pub host: &'a str,
     /// Its hardware, if that is said.
@@ -127,7 +131,7 @@ pub struct Claim<'a> {
 
 /// A claim that is false.
 #[derive(Debug, Clone, PartialEq, Eq)]
-pub struct Contradiction {
+pub struct IdentityMismatch {
     /// What it is about: `hardware` or `os`.
     pub axis: &'static str,
     /// What was said and what is.
@@ -136,13 +140,13 @@ pub struct Contradiction {
     pub fix: String,
 }
 
-impl Claim<'_> {
+impl HostIdentity<'_> {
     /// What is wrong with it, of a host that is this.
     #[must_use]
-    pub fn contradiction(&self, hardware: &str, os: &str) -> Option<Contradiction> {
+    pub fn contradiction(&self, hardware: &str, os: &str) -> Option<IdentityMismatch> {
         let differs = |axis, said: Option<&str>, found: &str, is_other: fn(&str, &str) -> bool| {
             let said = said?;
-            (!found.is_empty() && is_other(said, found)).then(|| Contradiction {
+            (!found.is_empty() && is_other(said, found)).then(|| IdentityMismatch {
                 axis,
                 reason: format!(
                     "the file says `{axis}: {said}` of host `{}`, which is `{found}`",
@@ -197,7 +201,7 @@ const SYSTEMS: [&str; 11] = [
 ];
 
 /// Why a scenario cannot run.
-#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 pub struct Obstacle {
     /// Why.
     pub reason: String,

@@ -2,7 +2,7 @@
 
 use std::collections::BTreeSet;
 
-use reports::{run_directory::PlannedScenario, settings::ReportSettings};
+use record::{report_settings::ReportSettings, run_directory::PlannedScenario};
 
 use crate::matrix_file::{Code, Diagnostic, Diagnostics, Places, list, propose};
 

@@ -6,7 +6,7 @@ use proptest::prelude::*;
 use rstest::rstest;
 
 use super::*;
-use crate::provider::Availability;
+use crate::provider::{Availability, Catalogue};
 
 /// A machine on which everything works.
 fn willing(hardware: &str, os: &str) -> HostFacts {
@@ -19,9 +19,9 @@ fn willing(hardware: &str, os: &str) -> HostFacts {
     HostFacts {
         hardware: hardware.to_owned(),
         os: os.to_owned(),
-        providers: crate::provider::NAMES
-            .iter()
-            .map(|name| ((*name).to_owned(), available()))
+        providers: Catalogue::default()
+            .names()
+            .map(|name| (name.to_owned(), available()))
             .collect(),
         ..HostFacts::default()
     }
@@ -340,7 +340,7 @@ fn what_a_host_certainly_is_not_is_an_error_at_its_place(
                 found[0].message
             );
             // Its place is the value's.
-            assert_eq!(found[0].to_json()["line"], 2);
+            assert_eq!(found[0].to_json().line, 2);
         }
         (other, wrong) => panic!("{wrong:?}: {other:?}"),
     }

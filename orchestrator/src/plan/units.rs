@@ -1,17 +1,19 @@
 //! What a design can say with the window as the unit: the smallest p, alone and in its family, how many windows would do,
 //! and the shift that would be found, given how much window levels spread. The main type is [`WindowDesign`].
 
+use record::{family::Member, report_settings::ReportSettings, run_directory::PlannedScenario};
 use reports::{
-    family::Member, permutation::smallest_p, power, run_directory::PlannedScenario, settings::ReportSettings,
-    setup::Experiments,
+    analysis::{power, setup::Experiments},
+    statistics::permutation::smallest_p,
 };
+use schemars::JsonSchema;
 use serde::Serialize;
 
 use super::spell_p;
 use crate::matrix_file::{Code, Diagnostic, MatrixFile};
 
 /// The pairs of scenarios of a plan that run and belong to the family.
-#[derive(Debug, Clone, Copy, PartialEq, Serialize)]
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, JsonSchema)]
 pub struct WindowDesign {
     /// Windows of the scenario that has fewest.
     pub windows: u32,

@@ -16,11 +16,11 @@ use std::{
     path::{Component, Path, PathBuf},
 };
 
+use record::{layout, virtual_host::VirtualHost, window::WindowRecord};
 use rustix::fs::{Mode, OFlags};
-use workload::{record::window::WindowRecord, virtual_host::VirtualHost};
 
 use super::{EnvironmentRequest, ProviderError};
-use crate::room;
+use crate::disk_space;
 
 /// What is taken of the data folder of an environment: its own windows, and no more than they can come to, whatever its host
 /// sends.
@@ -36,7 +36,7 @@ impl Allowance {
     pub fn of(request: &EnvironmentRequest) -> Self {
         Self {
             windows: request.windows.clone(),
-            bytes: room::windows_take_at_most(&request.settings, request.windows.len()),
+            bytes: disk_space::windows_take_at_most(&request.settings, request.windows.len()),
         }
     }
 
@@ -80,9 +80,9 @@ impl DataFile {
             _ => None,
         });
         let (longest, window) = match (names.next()??, names.next(), names.next()) {
-            ("environment.json" | "network.txt", None, None) => (WindowRecord::MOST_BYTES, None),
-            ("progress.jsonl", None, None) => (LONGEST_PROGRESS, None),
-            (folder, Some(file), None) => (longest_of_window(file?)?, Some(window(folder)?)),
+            (layout::ENVIRONMENT | layout::NETWORK, None, None) => (WindowRecord::MOST_BYTES, None),
+            (layout::PROGRESS, None, None) => (LONGEST_PROGRESS, None),
+            (folder, Some(file), None) => (longest_of_window(file?)?, Some(layout::window_of(folder)?)),
             _ => return None,
         };
         Some(Self {
@@ -198,21 +198,14 @@ impl Arriving {
     }
 }
 
-/// `window-N`, N counting from 1 and written in one way only.
-fn window(folder: &str) -> Option<u32> {
-    let number = folder.strip_prefix("window-")?;
-    let window: u32 = number.parse().ok()?;
-    (window > 0 && window.to_string() == number).then_some(window)
-}
-
 fn longest_of_window(file: &str) -> Option<u64> {
     let is_capture = || {
         file.strip_suffix(".pcap")
             .is_some_and(|name| VirtualHost::ALL.iter().any(|host| host.name() == name))
     };
     match file {
-        "window.json" => Some(WindowRecord::MOST_BYTES),
-        "control.csv" | "plant.csv" => Some(LONGEST_LOG),
+        layout::WINDOW => Some(WindowRecord::MOST_BYTES),
+        layout::CONTROL_LOG | layout::PLANT_LOG => Some(LONGEST_LOG),
         _ if is_capture() => Some(LONGEST_LOG),
         _ => None,
     }

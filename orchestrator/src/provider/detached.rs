@@ -1,9 +1,9 @@
 //! `workload detached` as providers call it, on whichever host: each verb is a program that is started there and answers
-//! (docs/hosts.md). The main type is [`Keeper`].
+//! (docs/hosts.md). The main type is [`AgentClient`].
 //!
 //! ```text
-//! provider ── Keeper ── Host ──> workload detached start, list, …      short calls
-//!               └── DetachedEnvironment ──> follow, collect            streams, taken up again after a cut
+//! provider ── AgentClient ── Host ──> workload detached start, list, …      short calls
+//!               └── DetachedEnvironment ──> follow, collect                 streams, taken up again after a cut
 //! ```
 
 mod clock;
@@ -12,18 +12,16 @@ pub(crate) mod transfer;
 
 use std::{sync::Arc, time::Duration};
 
-use serde::{Serialize, de::DeserializeOwned};
-use tokio::sync::OnceCell;
-use workload::{
-    record::{
-        check::CheckRecord,
-        detached::{self, Ending, Failure, Listed, Removed, Start, Started, Stopping},
-    },
+use record::{
+    check::CheckRecord,
+    detached::{self, Ending, Failure, Listed, Removed, Start, Started, Stopping},
     settings::Need,
 };
+use serde::{Serialize, de::DeserializeOwned};
+use tokio::sync::OnceCell;
 
 pub use self::{clock::ClockReading, environment::DetachedEnvironment};
-use super::{EnvironmentRequest, ProviderError, trial};
+use super::{Availability, EnvironmentRequest, ProviderError, trial};
 use crate::host::{Deployed, Exit, Host, HostError, Program, RunningProgram, output};
 
 /// A call takes milliseconds. Ending a workload that does not want to takes half a minute.
@@ -31,14 +29,14 @@ const CALL: Duration = Duration::from_secs(120);
 /// How long a workload may take to end in order before it is ended by force.
 const TO_END_IN_ORDER: &str = "10s";
 
-/// The workload's keeper on a host.
-pub struct Keeper {
+/// The workload's agent on a host.
+pub struct AgentClient {
     host: Arc<dyn Host>,
     /// Put there when it is needed first.
     deployed: OnceCell<Deployed>,
 }
 
-impl Keeper {
+impl AgentClient {
     /// On that host.
     #[must_use]
     pub fn new(host: Arc<dyn Host>) -> Self {
@@ -150,6 +148,15 @@ impl Keeper {
         let program = Program::new(file, trial::arguments(need));
         let (_, printed) = self.output(trial::ACTION, &program, b"", trial::PATIENCE).await?;
         trial::answer(&printed)
+    }
+
+    /// What [`Self::check`] means for a scenario with that need: an answer to
+    /// [`survey_need`](super::Provider::survey_need).
+    pub async fn survey_need(&self, need: &Need) -> Availability {
+        match self.check(need).await {
+            Ok(record) => trial::availability(&record),
+            Err(error) => Availability::prevented_by(error),
+        }
     }
 
     /// Passes an environment's lines on from that byte as they come.

@@ -13,6 +13,7 @@ mod check;
 mod container;
 mod engine;
 mod environment;
+mod folders;
 mod follow;
 mod image;
 mod labels;
@@ -31,22 +32,21 @@ use bollard::{
         StartContainerOptions,
     },
 };
-use reports::run_directory::Resource;
+use record::{run_directory::Resource, settings::Need};
 use serde_json::{Map, Value, json};
 use tokio::sync::OnceCell;
-use workload::settings::Need;
 
 use self::{
     engine::{Engine, Way, if_there, is_missing, translate},
-    environment::{DockerEnvironment, Remains},
-    follow::Follower,
+    environment::{DockerEnvironment, Remains, is_being_removed},
+    follow::{Follower, until_removed},
     image::Image,
     labels::Labels,
 };
 use super::{Availability, Environment, EnvironmentRequest, Leftover, Provider, ProviderError, trial};
 use crate::host::{Host, Program};
 
-pub use settings::{AskedRight, DockerSettings};
+pub use settings::DockerSettings;
 
 /// What `virtualization` calls it.
 pub const NAME: &str = "docker";
@@ -291,6 +291,10 @@ impl Provider for Docker {
         let labels = Labels::read(config.labels);
         if !labels.are_of(request) {
             return Ok(None);
+        }
+        if found.state.as_ref().is_some_and(is_being_removed) {
+            until_removed(engine, name).await?;
+            return self.find_volume(engine, request).await;
         }
         let image = Image {
             name: config.image.unwrap_or_default(),

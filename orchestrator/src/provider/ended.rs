@@ -2,7 +2,7 @@
 
 use std::{os::unix::process::ExitStatusExt as _, process::ExitStatus};
 
-use workload::record::{exit::Exit, progress::Progress};
+use record::{exit::Exit, progress::Progress};
 
 /// How a workload's process ended.
 #[derive(Debug, Clone, PartialEq, Eq)]

@@ -13,8 +13,11 @@ use std::{
     path::{Path, PathBuf},
 };
 
-use reports::run_directory::Resource;
-use workload::record::detached::{Owner, UNFINISHED};
+use record::{
+    detached::{Owner, UNFINISHED},
+    layout,
+    run_directory::Resource,
+};
 
 use super::{Leftover, ProviderError};
 use crate::state_directory::StateDirectory;
@@ -83,7 +86,7 @@ impl EnvironmentDirectory {
 
     fn fill(&self, owner: &Owner) -> Result<(), ProviderError> {
         fs::create_dir(&self.0).map_err(self.failed("create", &self.0))?;
-        let path = self.0.join("owner.json");
+        let path = self.0.join(layout::OWNER);
         let text = serde_json::to_vec_pretty(owner).map_err(io::Error::from);
         text.and_then(|text| fs::write(&path, text))
             .map_err(self.failed("write", &path))?;
@@ -108,14 +111,14 @@ impl EnvironmentDirectory {
     /// What it belongs to, if that is known.
     #[must_use]
     pub fn owner(&self) -> Option<Owner> {
-        let text = fs::read(self.0.join("owner.json")).ok()?;
+        let text = fs::read(self.0.join(layout::OWNER)).ok()?;
         serde_json::from_slice(&text).ok()
     }
 
     /// Where the workload's lines are.
     #[must_use]
     pub fn lines(&self) -> PathBuf {
-        self.0.join("lines.jsonl")
+        self.0.join(layout::LINES)
     }
 
     /// Where its data is.

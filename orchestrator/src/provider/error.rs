@@ -3,14 +3,13 @@
 //! All of these say something of the infrastructure, none of the experiment: a scenario that ends with one is
 //! `errored`. They are told apart by what a caller can do: repair the host, ask again, or give up on the data.
 
-use std::{error::Error, io, path::PathBuf};
+use std::{io, path::PathBuf};
 
-use workload::limits;
-
-use crate::{host::HostError, workload_binary::InstallError};
-
-/// The cause of an error, of whichever library it comes from.
-pub type Cause = Box<dyn Error + Send + Sync + 'static>;
+use crate::{
+    failure::{Cause, file_hint},
+    host::HostError,
+    workload_binary::InstallError,
+};
 
 /// What went wrong.
 #[derive(Debug, thiserror::Error)]
@@ -20,6 +19,8 @@ pub enum ProviderError {
     Unknown {
         /// As it was asked for.
         name: String,
+        /// Those that there are.
+        known: Vec<&'static str>,
     },
     /// There is no host of that name.
     #[error("there is no host `{name}`")]
@@ -166,7 +167,7 @@ impl ProviderError {
     #[must_use]
     pub fn hint(&self) -> Option<String> {
         match self {
-            Self::Unknown { .. } => Some(format!("write one of {}", super::NAMES.join(", "))),
+            Self::Unknown { known, .. } => Some(format!("write one of {}", known.join(", "))),
             Self::UnknownHost { .. } => Some("write it under `hosts:` in the matrix file".to_owned()),
             Self::Unsupported { hint, .. } | Self::Unreachable { hint, .. } | Self::Refused { hint, .. } => {
                 hint.clone()
@@ -185,19 +186,5 @@ impl ProviderError {
             }
             Self::Played { .. } => Some("take `fail` out of `providers.fake` in the matrix file".to_owned()),
         }
-    }
-}
-
-/// What to do about a file that cannot be read or written.
-pub fn file_hint(error: &io::Error) -> Option<String> {
-    if let Some(hint) = limits::room_hint(error) {
-        return Some(format!("{hint}, then `matrix resume`"));
-    }
-    match error.kind() {
-        io::ErrorKind::PermissionDenied => Some("check who owns it, or choose another directory".to_owned()),
-        io::ErrorKind::ReadOnlyFilesystem => {
-            Some("choose a directory on a disk that can be written".to_owned())
-        }
-        _ => None,
     }
 }

@@ -11,8 +11,7 @@ mod settings;
 pub(crate) mod window;
 
 use async_trait::async_trait;
-use reports::run_directory::Resource;
-use workload::record::detached::Owner;
+use record::{detached::Owner, run_directory::Resource};
 
 use self::environment::FakeEnvironment;
 use super::{

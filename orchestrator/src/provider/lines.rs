@@ -1,7 +1,7 @@
 //! From the bytes that a workload's standard output brings, in pieces of any size, to its lines. Pure. The main type is
 //! [`Lines`].
 
-use workload::record::progress::Progress;
+use record::progress::Progress;
 
 use super::ProviderError;
 

@@ -1,22 +1,17 @@
 //! The `native` provider: the workload as a process of its host, with no platform between. The main type is [`Native`].
 //!
 //! The process has a session of its own and writes to files, so that it goes on when `matrix` ends or the connection to
-//! its host does; its environment is a folder there. All of that is the keeper's: [`Keeper`].
+//! its host does; its environment is a folder there. All of that is the agent's: [`AgentClient`].
 
 use std::sync::Arc;
 
 use async_trait::async_trait;
-use reports::run_directory::Resource;
+use record::{detached::ListedEnvironment, run_directory::Resource, settings::Need};
 use serde_json::{Map, Value, json};
-use workload::{
-    record::{check::CheckRecord, detached::ListedEnvironment},
-    settings::Need,
-};
 
 use super::{
     Availability, Environment, EnvironmentRequest, Leftover, Provider, ProviderError,
-    detached::{ClockReading, DetachedEnvironment, Keeper},
-    trial,
+    detached::{AgentClient, ClockReading, DetachedEnvironment},
 };
 use crate::host::{Host, Program};
 
@@ -29,7 +24,7 @@ const BRIDGE: &str = "bridge";
 
 /// A host as it is.
 pub struct Native {
-    keeper: Arc<Keeper>,
+    agent: Arc<AgentClient>,
 }
 
 impl Native {
@@ -37,21 +32,13 @@ impl Native {
     #[must_use]
     pub fn new(host: Arc<dyn Host>) -> Self {
         Self {
-            keeper: Arc::new(Keeper::new(host)),
+            agent: Arc::new(AgentClient::new(host)),
         }
-    }
-
-    /// Whether the host meets a need, in the words of the workload there.
-    ///
-    /// # Errors
-    /// When the workload cannot be put there or started, or does not answer in time and as agreed.
-    pub async fn check(&self, need: &Need) -> Result<CheckRecord, ProviderError> {
-        self.keeper.check(need).await
     }
 
     fn resource(&self, kind: &str, name: &str) -> Resource {
         Resource {
-            host: self.keeper.host().to_owned(),
+            host: self.agent.host().to_owned(),
             kind: kind.to_owned(),
             name: name.to_owned(),
         }
@@ -92,10 +79,10 @@ impl Native {
         facts.insert("provider".to_owned(), json!(NAME));
         facts.insert(
             "workload_sha256".to_owned(),
-            json!(self.keeper.deployed().await?.sha256),
+            json!(self.agent.deployed().await?.sha256),
         );
         Ok(Box::new(DetachedEnvironment::new(
-            Arc::clone(&self.keeper),
+            Arc::clone(&self.agent),
             request,
             facts,
             clock,
@@ -112,7 +99,7 @@ impl Provider for Native {
 
     /// Wherever the workload can be put it can be started; what it needs is another question.
     async fn survey(&self) -> Availability {
-        match self.keeper.platform().await {
+        match self.agent.platform().await {
             Ok(host) => Availability::Available {
                 detail: format!("Linux {}", host.platform.kernel),
             },
@@ -121,10 +108,7 @@ impl Provider for Native {
     }
 
     async fn survey_need(&self, need: &Need) -> Option<Availability> {
-        Some(match self.check(need).await {
-            Ok(record) => trial::availability(&record),
-            Err(error) => Availability::prevented_by(error),
-        })
+        Some(self.agent.survey_need(need).await)
     }
 
     fn resources(&self, request: &EnvironmentRequest) -> Vec<Resource> {
@@ -134,8 +118,8 @@ impl Provider for Native {
     }
 
     async fn create(&self, request: &EnvironmentRequest) -> Result<Box<dyn Environment>, ProviderError> {
-        let (clock, _) = ClockReading::of(&self.keeper).await?;
-        self.keeper.start(NAME, request).await?;
+        let (clock, _) = ClockReading::of(&self.agent).await?;
+        self.agent.start(NAME, request).await?;
         self.environment(request, clock, true).await
     }
 
@@ -143,10 +127,10 @@ impl Provider for Native {
         &self,
         request: &EnvironmentRequest,
     ) -> Result<Option<Box<dyn Environment>>, ProviderError> {
-        let listed = self.keeper.list().await?.environments;
+        let listed = self.agent.list().await?.environments;
         match listed.iter().find(|it| it.environment == request.environment) {
             Some(found) if found.started => {
-                let (clock, _) = ClockReading::of(&self.keeper).await?;
+                let (clock, _) = ClockReading::of(&self.agent).await?;
                 let environment = self.environment(request, clock, found.running);
                 Ok(Some(environment.await?))
             }
@@ -155,14 +139,14 @@ impl Provider for Native {
     }
 
     async fn shell(&self, environment: &str) -> Result<Program, ProviderError> {
-        let folder = self.keeper.deployed().await?.environments.join(environment);
+        let folder = self.agent.deployed().await?.environments.join(environment);
         let script = r#"cd "$1" && exec "${SHELL:-/bin/sh}""#;
         let arguments = ["-c".into(), script.into(), "sh".into(), folder.into_os_string()];
         Ok(Program::new("sh", arguments))
     }
 
     async fn leftovers(&self) -> Result<Vec<Leftover>, ProviderError> {
-        let listed = self.keeper.list().await?;
+        let listed = self.agent.list().await?;
         // A folder whose owner was never written belongs to nobody else.
         let is_ours = |it: &ListedEnvironment| it.owner.as_ref().is_none_or(|owner| owner.provider == NAME);
         let folders = listed.environments.into_iter().filter(is_ours);
@@ -173,8 +157,8 @@ impl Provider for Native {
     async fn remove(&self, leftover: &Leftover) -> Result<(), ProviderError> {
         let name = &leftover.resource.name;
         match leftover.resource.kind.as_str() {
-            BRIDGE => self.keeper.remove_bridge(name).await.map(drop),
-            _ => self.keeper.remove(name).await.map(drop),
+            BRIDGE => self.agent.remove_bridge(name).await.map(drop),
+            _ => self.agent.remove(name).await.map(drop),
         }
     }
 }

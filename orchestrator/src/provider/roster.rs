@@ -6,13 +6,14 @@ use std::{
     sync::{Arc, Mutex, PoisonError},
 };
 
-use reports::run_directory::PlannedScenario;
+use record::{axis::NATIVE, run_directory::PlannedScenario};
 
-use super::{Provider, ProviderError, ProviderSettings, choose};
-use crate::{host::Host, run::Fleet};
+use super::{Catalogue, Fleet, Provider, ProviderError, ProviderSettings};
+use crate::host::Host;
 
 /// Providers by virtualization and host, made when they are first asked for.
 pub struct Roster {
+    catalogue: Catalogue,
     settings: ProviderSettings,
     hosts: BTreeMap<String, Arc<dyn Host>>,
     made: Mutex<BTreeMap<(String, String), Arc<dyn Provider>>>,
@@ -21,8 +22,13 @@ pub struct Roster {
 impl Roster {
     /// One with these hosts, in which no provider was asked for yet.
     #[must_use]
-    pub fn new(settings: ProviderSettings, hosts: impl IntoIterator<Item = Arc<dyn Host>>) -> Self {
+    pub fn new(
+        catalogue: Catalogue,
+        settings: ProviderSettings,
+        hosts: impl IntoIterator<Item = Arc<dyn Host>>,
+    ) -> Self {
         Self {
+            catalogue,
             settings,
             hosts: hosts
                 .into_iter()
@@ -30,6 +36,12 @@ impl Roster {
                 .collect(),
             made: Mutex::default(),
         }
+    }
+
+    /// The providers that there are.
+    #[must_use]
+    pub const fn catalogue(&self) -> Catalogue {
+        self.catalogue
     }
 
     /// Its hosts, by name.
@@ -40,7 +52,7 @@ impl Roster {
     /// The provider of a `virtualization` on the host of that name in the matrix file.
     ///
     /// # Errors
-    /// When there is none of that name, or no such host.
+    /// When there is none of that name, or no such host, or it cannot be made with its settings.
     pub fn of(&self, virtualization: &str, host: &str) -> Result<Arc<dyn Provider>, ProviderError> {
         // The map is whole whenever the lock is free, also after a panic.
         let mut made = self.made.lock().unwrap_or_else(PoisonError::into_inner);
@@ -48,7 +60,10 @@ impl Roster {
         if let Some(provider) = made.get(&key) {
             return Ok(Arc::clone(provider));
         }
-        let provider: Arc<dyn Provider> = choose(virtualization, &self.settings, &self.host(host)?)?.into();
+        let provider = self
+            .catalogue
+            .choose(virtualization, &self.settings, &self.host(host)?)?;
+        let provider: Arc<dyn Provider> = provider.into();
         made.insert(key, Arc::clone(&provider));
         Ok(provider)
     }
@@ -67,7 +82,7 @@ impl Fleet for Roster {
     fn provider(&self, planned: &PlannedScenario) -> Result<Arc<dyn Provider>, ProviderError> {
         let virtualization = planned.axis("virtualization");
         let host = planned.host.as_deref().unwrap_or_default();
-        self.of(virtualization.as_deref().unwrap_or("native"), host)
+        self.of(virtualization.as_deref().unwrap_or(NATIVE), host)
     }
 }
 
@@ -82,7 +97,11 @@ mod tests {
 
     #[test]
     fn a_provider_is_made_once_for_each_host() {
-        let roster = Roster::new(ProviderSettings::default(), ["here", "there"].map(host));
+        let roster = Roster::new(
+            Catalogue::default(),
+            ProviderSettings::default(),
+            ["here", "there"].map(host),
+        );
         let here = roster.of("docker", "here").unwrap();
         assert!(Arc::ptr_eq(&here, &roster.of("docker", "here").unwrap()));
         assert!(!Arc::ptr_eq(&here, &roster.of("docker", "there").unwrap()));

@@ -2,8 +2,11 @@
 //!
 //! What only one provider knows stands with that provider: this is the list of them.
 
+use std::collections::BTreeMap;
+
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
+use serde_json::Value;
 
 use super::{docker::DockerSettings, fake::FakeSettings, vagrant::VagrantSettings};
 
@@ -27,19 +30,22 @@ pub struct ProviderSettings {
     pub qemu: VagrantSettings,
     /// Of `virtualization: fake`.
     pub fake: FakeSettings,
+    /// Of providers from outside this crate, by their names and as the file has them: only they can read them.
+    #[serde(skip)]
+    #[schemars(skip)]
+    pub outside: BTreeMap<String, Value>,
 }
 
 impl ProviderSettings {
-    /// Those of the providers that Vagrant drives, with their names.
-    #[must_use]
-    pub const fn of_vagrant(&self) -> [(&'static str, &VagrantSettings); 6] {
-        [
-            ("libvirt", &self.libvirt),
-            ("virtualbox", &self.virtualbox),
-            ("vmware_desktop", &self.vmware_desktop),
-            ("parallels", &self.parallels),
-            ("hyperv", &self.hyperv),
-            ("qemu", &self.qemu),
-        ]
+    /// As a manifest has them.
+    ///
+    /// # Errors
+    /// When they cannot be written as JSON.
+    pub fn to_record(&self) -> Result<Value, serde_json::Error> {
+        let mut record = serde_json::to_value(self)?;
+        if let Some(sections) = record.as_object_mut() {
+            sections.extend(self.outside.clone());
+        }
+        Ok(record)
     }
 }

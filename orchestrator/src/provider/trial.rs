@@ -3,8 +3,8 @@
 
 use std::time::Duration;
 
-use workload::{
-    record::check::{Check, CheckRecord},
+use record::{
+    check::{Check, CheckRecord},
     settings::Need,
 };
 

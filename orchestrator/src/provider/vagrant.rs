@@ -3,12 +3,13 @@
 //!
 //! ```text
 //! host ── vagrant up ──> machine        a folder of the environment's own on the host
-//!   └──── SSH ─────────> machine        a host like any other: the workload's keeper is at work in it
+//!   └──── SSH ─────────> machine        a host like any other: the workload's agent is at work in it
 //! ```
 //!
 //! The machine is the environment: it is made for one and removed with it.
 
 mod inside;
+pub(crate) mod kind;
 mod machine;
 pub mod options;
 pub(crate) mod output;
@@ -19,18 +20,19 @@ pub(crate) mod ssh_config;
 use std::sync::Arc;
 
 use async_trait::async_trait;
-use reports::run_directory::Resource;
+use record::run_directory::Resource;
 use serde_json::{Map, Value, json};
 use tokio::sync::OnceCell;
 
 pub use self::settings::VagrantSettings;
 use self::{
     inside::Inside,
+    kind::VagrantKind,
     machine::{Machine, MachineFolders},
 };
 use super::{
     Availability, Ended, Environment, EnvironmentRequest, Leftover, Provider, ProviderError,
-    detached::{ClockReading, DetachedEnvironment, Keeper},
+    detached::{AgentClient, ClockReading, DetachedEnvironment},
 };
 use crate::host::{Host, Program};
 
@@ -44,6 +46,7 @@ const NOT_CREATED: &str = "not_created";
 /// Virtual machines of one of Vagrant's providers on a host.
 pub struct Vagrant {
     provider: &'static str,
+    kind: &'static VagrantKind,
     host: Arc<dyn Host>,
     settings: VagrantSettings,
     folders: OnceCell<MachineFolders>,
@@ -52,9 +55,15 @@ pub struct Vagrant {
 impl Vagrant {
     /// Of the provider that Vagrant knows by this name.
     #[must_use]
-    pub fn new(provider: &'static str, host: Arc<dyn Host>, settings: VagrantSettings) -> Self {
+    pub fn new(
+        provider: &'static str,
+        kind: &'static VagrantKind,
+        host: Arc<dyn Host>,
+        settings: VagrantSettings,
+    ) -> Self {
         Self {
             provider,
+            kind,
             host,
             settings,
             folders: OnceCell::new(),
@@ -86,7 +95,8 @@ impl Vagrant {
 
     /// Whether a run that somebody else has made may set what it sets: a matrix file was looked at when it was read.
     fn check_settings(&self) -> Result<(), ProviderError> {
-        match self.settings.refusals(self.provider).into_iter().next() {
+        let refusals = self.settings.refusals(self.provider, self.kind.options);
+        match refusals.into_iter().next() {
             None => Ok(()),
             Some((_, refusal)) => Err(ProviderError::Unsupported {
                 provider: self.provider.to_owned(),
@@ -100,7 +110,7 @@ impl Vagrant {
     async fn enter(&self, machine: Machine, environment: &str) -> Result<Entered, ProviderError> {
         let inside = Inside::of(&self.host, machine.clone(), environment).await?;
         Ok(Entered {
-            keeper: Arc::new(Keeper::new(Arc::new(inside))),
+            agent: Arc::new(AgentClient::new(Arc::new(inside))),
             machine,
         })
     }
@@ -118,14 +128,14 @@ impl Vagrant {
             "vagrant".to_owned(),
             json!(requirements::version(self.host.as_ref()).await),
         );
-        facts.extend(requirements::versions(self.host.as_ref(), self.provider).await);
+        facts.extend(requirements::versions(self.host.as_ref(), &self.kind.requirement).await);
         facts.insert("machine".to_owned(), json!(self.settings));
         facts.insert("box".to_owned(), json!(entered.machine.made_of().await));
         facts.insert(
             "workload_sha256".to_owned(),
-            json!(entered.keeper.deployed().await?.sha256),
+            json!(entered.agent.deployed().await?.sha256),
         );
-        let workload = DetachedEnvironment::new(Arc::clone(&entered.keeper), request, facts, clock, running);
+        let workload = DetachedEnvironment::new(Arc::clone(&entered.agent), request, facts, clock, running);
         Ok(Box::new(VagrantEnvironment {
             workload,
             machine: entered.machine,
@@ -133,10 +143,10 @@ impl Vagrant {
     }
 }
 
-/// A machine with the workload's keeper in it.
+/// A machine with the workload's agent in it.
 struct Entered {
     machine: Machine,
-    keeper: Arc<Keeper>,
+    agent: Arc<AgentClient>,
 }
 
 #[async_trait]
@@ -146,7 +156,13 @@ impl Provider for Vagrant {
     }
 
     async fn survey(&self) -> Availability {
-        requirements::survey(self.host.as_ref(), self.provider, &self.settings).await
+        requirements::survey(
+            self.host.as_ref(),
+            self.provider,
+            &self.kind.requirement,
+            &self.settings,
+        )
+        .await
     }
 
     fn resources(&self, request: &EnvironmentRequest) -> Vec<Resource> {
@@ -162,8 +178,8 @@ impl Provider for Vagrant {
         machine.up(self.settings.boot_timeout.duration()).await?;
         machine.digest_box().await;
         let entered = self.enter(machine, &request.environment).await?;
-        let (clock, _) = ClockReading::of(&entered.keeper).await?;
-        entered.keeper.start(self.provider, request).await?;
+        let (clock, _) = ClockReading::of(&entered.agent).await?;
+        entered.agent.start(self.provider, request).await?;
         self.environment(entered, request, clock, true).await
     }
 
@@ -185,10 +201,10 @@ impl Provider for Vagrant {
             state => return Err(machine.stands_still(state)),
         }
         let entered = self.enter(machine, name).await?;
-        let listed = entered.keeper.list().await?.environments;
+        let listed = entered.agent.list().await?.environments;
         match listed.iter().find(|it| it.environment == *name) {
             Some(found) if found.started => {
-                let (clock, _) = ClockReading::of(&entered.keeper).await?;
+                let (clock, _) = ClockReading::of(&entered.agent).await?;
                 let environment = self.environment(entered, request, clock, found.running);
                 Ok(Some(environment.await?))
             }
@@ -242,7 +258,7 @@ impl Environment for VagrantEnvironment {
         self.workload.running()
     }
 
-    async fn next_progress(&mut self) -> Result<Option<workload::record::progress::Progress>, ProviderError> {
+    async fn next_progress(&mut self) -> Result<Option<record::progress::Progress>, ProviderError> {
         self.workload.next_progress().await
     }
 

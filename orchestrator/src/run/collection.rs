@@ -6,11 +6,14 @@
 
 use std::{io, path::PathBuf};
 
-use reports::run_directory::{NotWhole, Place, RunDirectory, read_window, see_that_window_is_whole};
-use workload::record::window::{FileRecord, Verdict};
+use record::{
+    layout,
+    run_directory::{NotWhole, Place, RunDirectory, read_window, see_that_window_is_whole},
+    window::{FileRecord, Verdict},
+};
 
 use super::compression::compress_captures;
-use crate::room;
+use crate::disk_space;
 
 /// A folder could not be read or moved.
 #[derive(Debug, thiserror::Error)]
@@ -25,7 +28,7 @@ impl CollectionError {
     /// What to do about it.
     #[must_use]
     pub fn hint(&self) -> String {
-        room::hint(&self.source)
+        disk_space::hint(&self.source)
     }
 }
 
@@ -50,6 +53,16 @@ pub enum Sorted {
     },
 }
 
+impl Sorted {
+    /// The window's number.
+    #[must_use]
+    pub const fn window(&self) -> u32 {
+        match self {
+            Self::Whole { window, .. } | Self::Broken { window, .. } => *window,
+        }
+    }
+}
+
 /// Moves the windows that were collected into `from` to their places. Windows of which nothing is there are not
 /// mentioned.
 ///
@@ -64,7 +77,7 @@ pub fn sort_windows(
 ) -> Result<Vec<Sorted>, CollectionError> {
     let mut sorted = Vec::new();
     for &window in windows {
-        let folder = from.join(format!("window-{window}"));
+        let folder = from.join(layout::window_folder(window));
         if !folder.is_folder() {
             continue;
         }
@@ -125,7 +138,7 @@ fn same_window(one: &Place, other: &Place) -> bool {
 /// # Errors
 /// When it cannot be read.
 pub(super) fn record_sha256(window: &Place) -> Result<String, CollectionError> {
-    let record = window.join("window.json");
+    let record = window.join(layout::WINDOW);
     Ok(record.digest().map_err(failed("cannot read", &record))?.sha256)
 }
 
@@ -149,7 +162,7 @@ pub(super) fn put_aside(
     folder: &Place,
 ) -> Result<(), CollectionError> {
     let broken = run.broken(slug, environment);
-    let name = format!("window-{window}");
+    let name = layout::window_folder(window);
     // What was put aside before stays: it may be another.
     let names = std::iter::once(name.clone()).chain((2..).map(|number| format!("{name}-{number}")));
     let aside = names.map(|name| broken.join(name)).find(|place| !place.exists());

@@ -6,9 +6,12 @@ use std::{
     io::{self, Read, Write},
 };
 
-use reports::run_directory::{Place, read_window};
+use record::{
+    layout,
+    run_directory::{Place, read_window},
+    window::{FileRecord, MeasuredFile},
+};
 use sha2::{Digest, Sha256};
-use workload::record::window::{FileRecord, MeasuredFile};
 
 /// zstd's own default: captures of small messages shrink to a quarter, at hundreds of megabytes a second.
 const LEVEL: i32 = 3;
@@ -20,7 +23,7 @@ const PIECE_BYTES: usize = 256 << 10;
 /// # Errors
 /// What the file system says; the window is then as it was, or has a compressed file too many.
 pub fn compress_captures(folder: &Place) -> io::Result<()> {
-    let about = folder.join("window.json");
+    let about = folder.join(layout::WINDOW);
     let mut record = read_window(folder, None).map_err(io::Error::other)?;
     let mut done = Vec::new();
     for file in &mut record.files {
@@ -98,8 +101,7 @@ impl Write for Counting {
 mod tests {
     use std::fs;
 
-    use reports::run_directory::see_that_window_is_whole;
-    use workload::{record::window::WindowRecord, settings::Settings};
+    use record::{run_directory::see_that_window_is_whole, settings::Settings, window::WindowRecord};
 
     use super::*;
     use crate::provider::fake::window::{FakeWindow, Noise, write};
@@ -108,8 +110,8 @@ mod tests {
     fn a_compressed_window_is_whole_and_its_captures_are_those_that_were_measured() {
         let folder = tempfile::tempdir().unwrap();
         let settings = Settings {
-            window: workload::quantity::TimeSpan::from_secs(10),
-            period: workload::quantity::TimeSpan::from_secs(10),
+            window: record::quantity::TimeSpan::from_secs(10),
+            period: record::quantity::TimeSpan::from_secs(10),
             ..Settings::default()
         };
         let window = FakeWindow {

@@ -5,7 +5,7 @@
 //! is not whole any more is kept aside and measured again, or collected again where its environment still is. Nothing is
 //! mended and nothing is thrown away.
 
-use reports::run_directory::{Event, NotWhole, RunDirectory, read_window, see_that_window_is_whole};
+use record::run_directory::{Event, NotWhole, RunDirectory, read_window, see_that_window_is_whole};
 
 use super::{
     collection::{CollectionError, failed, keep, put_aside, record_sha256},

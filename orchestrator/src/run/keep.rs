@@ -1,7 +1,7 @@
 //! Whether an environment stays when it has done its work. The main type is [`Keep`].
 
 use clap::ValueEnum;
-use reports::run_directory::Outcome;
+use record::run_directory::Outcome;
 
 /// Which environments stay, for `matrix shell`, until `matrix clean`. Their data is collected all the same.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, ValueEnum)]

@@ -10,7 +10,7 @@ use std::{
     path::{Path, PathBuf},
 };
 
-use reports::run_directory::{HostRecord, Manifest, Place, PlanRecord};
+use record::run_directory::{HostRecord, Manifest, Place, PlanRecord};
 use serde::{Deserialize, Serialize};
 
 use crate::{

@@ -7,17 +7,21 @@
 
 use std::{collections::BTreeSet, io, path::PathBuf, sync::Arc, time::Duration};
 
-use reports::run_directory::{EnvironmentRecord, Event, Outcome, Place, PlannedScenario, Resource};
+use record::{
+    axis::{HARDWARE, OS},
+    causes::with_causes,
+    detached::UNFINISHED,
+    layout,
+    progress::Progress,
+    run_directory::{EnvironmentRecord, Event, Outcome, Place, PlannedScenario, Resource},
+    window::WindowRecord,
+};
 use serde::de::DeserializeOwned;
 use sha2::{Digest as _, Sha256};
 use tokio::{
     sync::RwLockWriteGuard,
     task::spawn_blocking,
     time::{Instant, sleep_until, timeout},
-};
-use workload::{
-    causes::with_causes,
-    record::{detached::UNFINISHED, progress::Progress, window::WindowRecord},
 };
 
 use super::{
@@ -26,18 +30,18 @@ use super::{
     silence::{self, Silence, Step},
 };
 use crate::{
+    disk_space, escaping,
     host::lease::HostLease,
     journal::JournalError,
-    matrix_file::{HARDWARE, OS},
-    plan::placement::{Claim, Contradiction},
-    provider::detached::Keeper,
-    provider::{Ended, Environment, EnvironmentRequest, Provider, ProviderError, facts},
-    room, terminal,
+    plan::placement::{HostIdentity, IdentityMismatch},
+    provider::{
+        Ended, Environment, EnvironmentRequest, Provider, ProviderError, detached::AgentClient, facts,
+    },
 };
 
 /// Why the infrastructure could not do what a scenario needs.
 #[derive(Debug, thiserror::Error)]
-pub(super) enum Trouble {
+pub(super) enum ScenarioError {
     #[error(transparent)]
     Journal(#[from] JournalError),
     #[error(transparent)]
@@ -54,12 +58,12 @@ pub(super) enum Trouble {
     )]
     NotRemoved {
         first: ProviderError,
-        second: Box<Trouble>,
+        second: Box<ScenarioError>,
     },
     #[error(
         "the disk of {place} has {} free, and {windows} windows take about {}",
-        room::in_words(*free),
-        room::in_words(*wanted)
+        disk_space::in_words(*free),
+        disk_space::in_words(*wanted)
     )]
     NoRoom {
         place: String,
@@ -69,11 +73,16 @@ pub(super) enum Trouble {
     },
     /// It was out of reach when the run was planned, or has become another since.
     #[error("{}", .0.reason)]
-    AnotherHost(Contradiction),
+    AnotherHost(IdentityMismatch),
     #[error("nothing was heard of the workload for {} s: it, its host or its engine stands still", lasted.as_secs())]
     StandsStill { lasted: Duration },
     #[error("the workload said {lines} different things, more than any does")]
     SaysTooMuch { lines: usize },
+    #[error(
+        "windows {} were measured, and are not in what the environment gave out",
+        numbers(windows)
+    )]
+    NotGivenOut { windows: Vec<u32> },
     #[error("`{environment}` of {} still measures on this host", run_directory.display())]
     StillMeasuring {
         environment: String,
@@ -84,7 +93,7 @@ pub(super) enum Trouble {
 /// What the workload says of its network is no longer.
 const LONGEST_TEXT: u64 = 4 << 20;
 
-impl From<RunError> for Trouble {
+impl From<RunError> for ScenarioError {
     fn from(error: RunError) -> Self {
         match error {
             RunError::Journal(error) => Self::Journal(error),
@@ -92,6 +101,20 @@ impl From<RunError> for Trouble {
             RunError::RunDirectory(error) => Self::RunDirectory(error),
         }
     }
+}
+
+fn numbers(windows: &[u32]) -> String {
+    let numbers: Vec<String> = windows.iter().map(u32::to_string).collect();
+    numbers.join(", ")
+}
+
+/// What a workload said until it ended.
+#[derive(Debug, Default)]
+struct Heard {
+    /// Its last word on how it ended, if it had one.
+    last: Option<Progress>,
+    /// The windows that it has completed.
+    completed: BTreeSet<u32>,
 }
 
 /// How one environment ended.
@@ -110,25 +133,30 @@ impl Ending {
         }
     }
 
-    fn errored(trouble: &Trouble) -> Self {
+    fn errored(trouble: &ScenarioError) -> Self {
         let hint = match trouble {
-            Trouble::Provider(error) => error.hint(),
-            Trouble::Journal(error) => Some(error.hint()),
-            Trouble::Collection(error) => Some(error.hint()),
-            Trouble::RunDirectory(error) => Some(room::hint(error)),
-            Trouble::NoRoom { .. } => Some("make room on the disk and `matrix resume`".to_owned()),
-            Trouble::AnotherHost(contradiction) => Some(contradiction.fix.clone()),
-            Trouble::StandsStill { .. } => {
+            ScenarioError::Provider(error) => error.hint(),
+            ScenarioError::Journal(error) => Some(error.hint()),
+            ScenarioError::Collection(error) => Some(error.hint()),
+            ScenarioError::RunDirectory(error) => Some(disk_space::hint(error)),
+            ScenarioError::NoRoom { .. } => Some("make room on the disk and `matrix resume`".to_owned()),
+            ScenarioError::AnotherHost(contradiction) => Some(contradiction.fix.clone()),
+            ScenarioError::StandsStill { .. } => {
                 Some("`matrix resume` goes on with it when it gets on, `matrix clean` removes it".to_owned())
             }
-            Trouble::SaysTooMuch { .. } => {
+            ScenarioError::SaysTooMuch { .. } => {
                 Some("see on its host what runs there; `matrix clean` removes it".to_owned())
             }
-            Trouble::StillMeasuring { run_directory, .. } => Some(format!(
+            ScenarioError::NotGivenOut { .. } => Some(
+                "`matrix resume` asks for them again; if they are gone, `matrix clean` removes the environment, and they \
+                 are measured again"
+                    .to_owned(),
+            ),
+            ScenarioError::StillMeasuring { run_directory, .. } => Some(format!(
                 "`matrix resume {}` goes on with it, `matrix clean` removes it",
-                terminal::pasted(run_directory)
+                escaping::pasted(run_directory)
             )),
-            Trouble::NotRemoved { first, .. } => {
+            ScenarioError::NotRemoved { first, .. } => {
                 let clean = "`matrix clean` removes what is left".to_owned();
                 Some(match first.hint() {
                     Some(hint) => format!("{hint}; {clean}"),
@@ -167,8 +195,8 @@ impl Run<'_> {
         })?;
         let ending = match self.leased_attempts(planned, lease).await {
             Ok(ending) => ending,
-            Err(Trouble::Journal(error)) => return Err(error.into()),
-            Err(trouble @ Trouble::StandsStill { .. }) if self.stop.is_requested() => Ending {
+            Err(ScenarioError::Journal(error)) => return Err(error.into()),
+            Err(trouble @ ScenarioError::StandsStill { .. }) if self.stop.is_requested() => Ending {
                 outcome: Outcome::Interrupted,
                 ..Ending::errored(&trouble)
             },
@@ -192,7 +220,7 @@ impl Run<'_> {
         &self,
         planned: &PlannedScenario,
         lease: &mut Option<HostLease>,
-    ) -> Result<Ending, Trouble> {
+    ) -> Result<Ending, ScenarioError> {
         match self.has_lease(planned, lease).await? {
             true => self.attempts(planned).await,
             false => Ok(Ending::of(Outcome::Interrupted, None, None)),
@@ -200,7 +228,7 @@ impl Run<'_> {
     }
 
     /// The environment that is still there, if any, then a new one for what is still wanted.
-    async fn attempts(&self, planned: &PlannedScenario) -> Result<Ending, Trouble> {
+    async fn attempts(&self, planned: &PlannedScenario) -> Result<Ending, ScenarioError> {
         self.refuse_beside_another(planned).await?;
         let provider = self.fleet.provider(planned)?;
         let mut taken_up = false;
@@ -255,8 +283,8 @@ impl Run<'_> {
             }
             Err(first) => match self.remove_remains(provider.as_ref(), &request).await {
                 Ok(()) => Err(first.into()),
-                Err(Trouble::Journal(error)) => Err(error.into()),
-                Err(second) => Err(Trouble::NotRemoved {
+                Err(ScenarioError::Journal(error)) => Err(error.into()),
+                Err(second) => Err(ScenarioError::NotRemoved {
                     first,
                     second: Box::new(second),
                 }),
@@ -266,7 +294,7 @@ impl Run<'_> {
 
     /// The lease says that no other `matrix` works here; a workload whose `matrix` was killed may still measure, and
     /// two windows on one host disturb each other.
-    async fn refuse_beside_another(&self, planned: &PlannedScenario) -> Result<(), Trouble> {
+    async fn refuse_beside_another(&self, planned: &PlannedScenario) -> Result<(), ScenarioError> {
         let state = self.events.state();
         let own = state.scenario(&planned.slug).open.map(|open| open.environment);
         // Nothing is measured in a machine that was kept.
@@ -290,7 +318,7 @@ impl Run<'_> {
                 .filter(|leftover| leftover.running && !kept.contains(&leftover.resource.name))
                 .find(|leftover| Some(&leftover.resource.name) != own.as_ref())
             {
-                return Err(Trouble::StillMeasuring {
+                return Err(ScenarioError::StillMeasuring {
                     environment: running.resource.name,
                     run_directory: running.run_directory.unwrap_or_default(),
                 });
@@ -301,14 +329,14 @@ impl Run<'_> {
 
     /// Refuses to begin on another machine than the scenario says, and what would fill a disk: that of the host, or this
     /// machine's with the run directory. Others may fill it yet.
-    async fn check_host(&self, planned: &PlannedScenario, windows: usize) -> Result<(), Trouble> {
-        let wanted = room::windows_take(&planned.settings, windows);
+    async fn check_host(&self, planned: &PlannedScenario, windows: usize) -> Result<(), ScenarioError> {
+        let wanted = disk_space::windows_take(&planned.settings, windows);
         let host = self.fleet.host(planned.host.as_deref().unwrap_or_default())?;
         let place = format!("host `{}`", host.name());
         let is_here = host.is_this_machine();
-        let said = Keeper::new(Arc::clone(&host)).platform().await?;
+        let said = AgentClient::new(Arc::clone(&host)).platform().await?;
         let (hardware, os) = (planned.axis(HARDWARE), planned.axis(OS));
-        let claim = Claim {
+        let claim = HostIdentity {
             host: host.name(),
             hardware: hardware.as_deref(),
             os: os.as_deref(),
@@ -318,7 +346,7 @@ impl Run<'_> {
             .contradiction(&said.platform.machine, &said.platform.os)
             .filter(|_| !is_here)
         {
-            return Err(Trouble::AnotherHost(contradiction));
+            return Err(ScenarioError::AnotherHost(contradiction));
         }
         let there = said.free_bytes;
         let disk = rustix::fs::statvfs(self.directory.path()).map_err(io::Error::from)?;
@@ -326,7 +354,7 @@ impl Run<'_> {
         let run_directory = self.directory.path().display().to_string();
         for (place, free) in [(place, there), (run_directory, here)] {
             if free < wanted {
-                return Err(Trouble::NoRoom {
+                return Err(ScenarioError::NoRoom {
                     place,
                     windows,
                     wanted,
@@ -359,7 +387,7 @@ impl Run<'_> {
         &self,
         provider: &dyn Provider,
         request: &EnvironmentRequest,
-    ) -> Result<Option<Ending>, Trouble> {
+    ) -> Result<Option<Ending>, ScenarioError> {
         let quiet = self.quiet(&request.host).await?;
         let Some(environment) = provider.find(request).await? else {
             self.remove_remains(provider, request).await?;
@@ -382,18 +410,47 @@ impl Run<'_> {
         environment: Box<dyn Environment>,
         request: &EnvironmentRequest,
         quiet: Option<RwLockWriteGuard<'_, ()>>,
-    ) -> Result<Ending, Trouble> {
+    ) -> Result<Ending, ScenarioError> {
         let mut environment = environment;
-        let last = self.follow(provider, &mut environment, request).await?;
-        let ended = environment.ended().await?;
-        drop(quiet);
-        self.collect(provider, environment.as_mut(), request).await?;
-        let ending = self.ending(last, &ended, request);
+        let heard = self.follow(provider, &mut environment, request).await?;
+        let ended = match self
+            .end(provider, environment.as_mut(), request, &heard, quiet)
+            .await
+        {
+            // Somebody may be removing it just now: what is left of it is looked for once more.
+            Err(error @ (ScenarioError::Provider(_) | ScenarioError::NotGivenOut { .. })) => {
+                match provider.find(request).await {
+                    Ok(Some(found)) => {
+                        environment = found;
+                        self.end(provider, environment.as_mut(), request, &heard, None)
+                            .await?
+                    }
+                    Ok(None) | Err(_) => return Err(error),
+                }
+            }
+            ended => ended?,
+        };
+        let ending = self.ending(heard.last, &ended, request);
         match self.keep.keeps(ending.outcome) {
             true => self.keep_environment(request)?,
             false => self.discard(environment, request).await?,
         }
         Ok(ending)
+    }
+
+    /// Waits for the end of a workload and collects what it measured.
+    async fn end(
+        &self,
+        provider: &dyn Provider,
+        environment: &mut dyn Environment,
+        request: &EnvironmentRequest,
+        heard: &Heard,
+        quiet: Option<RwLockWriteGuard<'_, ()>>,
+    ) -> Result<Ended, ScenarioError> {
+        let ended = environment.ended().await?;
+        drop(quiet);
+        self.collect(provider, environment, request, heard).await?;
+        Ok(ended)
     }
 
     /// How an environment ended whose data was collected.
@@ -425,7 +482,7 @@ impl Run<'_> {
         }
     }
 
-    fn keep_environment(&self, request: &EnvironmentRequest) -> Result<(), Trouble> {
+    fn keep_environment(&self, request: &EnvironmentRequest) -> Result<(), ScenarioError> {
         Ok(self.events.emit(Event::EnvironmentKept {
             scenario: request.scenario.clone(),
             environment: request.environment.clone(),
@@ -438,8 +495,8 @@ impl Run<'_> {
         provider: &dyn Provider,
         environment: &mut Box<dyn Environment>,
         request: &EnvironmentRequest,
-    ) -> Result<Option<Progress>, Trouble> {
-        let mut last = None;
+    ) -> Result<Heard, ScenarioError> {
+        let mut heard = Heard::default();
         let mut asked_to_stop = false;
         let mut reconnected = false;
         let mut told = Vec::new();
@@ -453,7 +510,7 @@ impl Run<'_> {
                     silence.stop_was_asked(Instant::now());
                     match timeout(silence::STOPS_WITHIN, environment.stop()).await {
                         Ok(stopped) => stopped?,
-                        Err(_) => return Err(Trouble::StandsStill { lasted: silence.lasted(Instant::now()) }),
+                        Err(_) => return Err(ScenarioError::StandsStill { lasted: silence.lasted(Instant::now()) }),
                     }
                     continue;
                 }
@@ -463,7 +520,7 @@ impl Run<'_> {
                             scenario: scenario(),
                             for_s: lasted.as_secs(),
                         })?,
-                        Step::GiveUp(lasted) => return Err(Trouble::StandsStill { lasted }),
+                        Step::GiveUp(lasted) => return Err(ScenarioError::StandsStill { lasted }),
                     }
                     continue;
                 }
@@ -485,20 +542,23 @@ impl Run<'_> {
                     }
                     // Another machine says it, and the journal keeps it.
                     if told.len() > most_lines(request) {
-                        return Err(Trouble::SaysTooMuch { lines: told.len() });
+                        return Err(ScenarioError::SaysTooMuch { lines: told.len() });
                     }
                     self.events.emit(Event::Workload {
                         scenario: scenario(),
                         progress: progress.clone(),
                     })?;
-                    if matches!(
-                        progress,
-                        Progress::Finished | Progress::Stopped { .. } | Progress::Failed { .. }
-                    ) {
-                        last = Some(progress);
+                    match progress {
+                        Progress::WindowComplete { window, .. } => {
+                            heard.completed.insert(window);
+                        }
+                        Progress::Finished | Progress::Stopped { .. } | Progress::Failed { .. } => {
+                            heard.last = Some(progress);
+                        }
+                        _ => {}
                     }
                 }
-                Ok(None) => return Ok(last),
+                Ok(None) => return Ok(heard),
                 // An engine that was restarted forgets its listeners, not its containers: look once more.
                 Err(error) if !reconnected => match provider.find(request).await {
                     Ok(Some(found)) => {
@@ -518,7 +578,8 @@ impl Run<'_> {
         provider: &dyn Provider,
         environment: &mut dyn Environment,
         request: &EnvironmentRequest,
-    ) -> Result<(), Trouble> {
+        heard: &Heard,
+    ) -> Result<(), ScenarioError> {
         let _nothing_is_measured_here = self.this_machine.read().await;
         let folder = self
             .directory
@@ -538,6 +599,8 @@ impl Run<'_> {
             .copied()
             .filter(|window| !state.collected.contains_key(window))
             .collect();
+        let mut missing: BTreeSet<u32> = windows.iter().copied().collect();
+        missing.retain(|window| heard.completed.contains(window));
         let (scenario, environment) = (&request.scenario, &request.environment);
         let sorting = {
             let (directory, folder) = (self.directory.clone(), folder.clone());
@@ -547,6 +610,7 @@ impl Run<'_> {
         // Captures are compressed: other hosts are not to wait for that.
         let sorted = spawn_blocking(sorting).await.map_err(io::Error::other)??;
         for sorted in sorted {
+            missing.remove(&sorted.window());
             let (scenario, environment) = (scenario.clone(), environment.clone());
             self.events.emit(match sorted {
                 Sorted::Whole {
@@ -568,6 +632,12 @@ impl Run<'_> {
                 },
             })?;
         }
+        // The environment goes after this: it must not go with windows in it.
+        if !missing.is_empty() {
+            return Err(ScenarioError::NotGivenOut {
+                windows: missing.into_iter().collect(),
+            });
+        }
         Ok(folder.remove_folder()?)
     }
 
@@ -580,13 +650,13 @@ impl Run<'_> {
         environment: &dyn Environment,
         request: &EnvironmentRequest,
         folder: &Place,
-    ) -> Result<(), Trouble> {
+    ) -> Result<(), ScenarioError> {
         let record = EnvironmentRecord {
             environment: request.environment.clone(),
             provider: provider.name().to_owned(),
             host: request.host.clone(),
             facts: facts::of(environment),
-            platform: read_json(&folder.join("environment.json")),
+            platform: read_json(&folder.join(layout::ENVIRONMENT)),
         };
         let place = self.directory.environment(&request.scenario);
         if let Some(EnvironmentRecord {
@@ -595,14 +665,16 @@ impl Run<'_> {
             && earlier != request.environment
         {
             place.rename(&place.beside(format!("environment-{earlier}.json")))?;
-            let network = place.beside("network.txt");
+            let network = place.beside(layout::NETWORK);
             if network.exists() {
                 network.rename(&place.beside(format!("network-{earlier}.txt")))?;
             }
         }
-        let network = folder.join("network.txt");
+        let network = folder.join(layout::NETWORK);
         if network.exists() {
-            place.beside("network.txt").write(&network.read(LONGEST_TEXT)?)?;
+            place
+                .beside(layout::NETWORK)
+                .write(&network.read(LONGEST_TEXT)?)?;
         }
         let mut text = serde_json::to_vec_pretty(&record).map_err(io::Error::from)?;
         text.push(b'\n');
@@ -618,7 +690,7 @@ impl Run<'_> {
         &self,
         environment: Box<dyn Environment>,
         request: &EnvironmentRequest,
-    ) -> Result<(), Trouble> {
+    ) -> Result<(), ScenarioError> {
         let (scenario, name) = (&request.scenario, &request.environment);
         self.events.emit(Event::EnvironmentDiscarding {
             scenario: scenario.clone(),
@@ -636,7 +708,7 @@ impl Run<'_> {
         &self,
         provider: &dyn Provider,
         request: &EnvironmentRequest,
-    ) -> Result<(), Trouble> {
+    ) -> Result<(), ScenarioError> {
         let ours = provider.resources(request);
         for leftover in provider.leftovers().await? {
             // A removal that was cut short may have left a folder of that name without its owner.

@@ -6,7 +6,7 @@ use std::time::Duration;
 
 use tokio::time::Instant;
 
-use crate::provider::patience;
+use crate::provider::backoff;
 
 /// It is told this long after the last word, and again each time the silence has doubled.
 const TOLD_AFTER: Duration = Duration::from_secs(10);
@@ -39,7 +39,7 @@ impl Silence {
         Self {
             heard: now,
             next: TOLD_AFTER,
-            patience: patience::IN_ALL,
+            patience: backoff::IN_ALL,
         }
     }
 

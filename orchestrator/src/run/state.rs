@@ -2,8 +2,10 @@
 
 use std::collections::{BTreeMap, BTreeSet};
 
-use reports::run_directory::{Event, JournalEntry, Outcome, PlanRecord};
-use workload::record::progress::Progress;
+use record::{
+    progress::Progress,
+    run_directory::{Event, JournalEntry, Outcome, PlanRecord},
+};
 
 /// Where a run stands.
 #[derive(Debug, Clone, Default, PartialEq)]
@@ -220,8 +222,7 @@ fn attempt(environment: &str) -> u32 {
 
 #[cfg(test)]
 mod tests {
-    use reports::run_directory::PlannedScenario;
-    use workload::record::window::Verdict;
+    use record::{run_directory::PlannedScenario, window::Verdict};
 
     use super::*;
 
@@ -295,7 +296,8 @@ mod tests {
             reason: None,
             fix: None,
             not_selected: None,
-            settings: workload::settings::Settings::default(),
+            simulated: false,
+            settings: record::settings::Settings::default(),
         };
         let plan = PlanRecord {
             format: 1,

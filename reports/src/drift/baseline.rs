@@ -9,7 +9,10 @@ use super::{
     prediction::{FEWEST_NIGHTS, Prediction},
     series::{Point, Series, gone, lacking, level_of, remarks, series_of},
 };
-use crate::{multiplicity::holm, permutation, power, relabelling::Effort};
+use crate::{
+    analysis::power,
+    statistics::{multiplicity::holm, permutation, relabelling::Effort},
+};
 
 /// What a comparison of one series came to, before it is known how many there are.
 struct Comparison {

@@ -13,7 +13,7 @@
 
 use oorandom::Rand64;
 
-use crate::relabelling::shuffle;
+use crate::statistics::relabelling::shuffle;
 
 /// What two segments are held against each other by.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -180,7 +180,7 @@ mod tests {
     use rstest::rstest;
 
     use super::*;
-    use crate::simulation::Noise;
+    use crate::statistics::noise_model::Noise;
 
     const SEARCH: Search = Search {
         statistic: Statistic::Energy,

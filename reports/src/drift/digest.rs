@@ -16,14 +16,12 @@ use std::{
     time::UNIX_EPOCH,
 };
 
+use record::run_directory::{Kind, Place, ReadError, RunDirectory};
 use serde::{Deserialize, Serialize};
 use sha2::{Digest, Sha256};
 
 use super::Night;
-use crate::{
-    run_directory::{Kind, Place, ReadError, RunDirectory},
-    traffic,
-};
+use crate::input::traffic;
 
 /// Raised whenever a night's numbers are taken in another way: what was kept is then read anew.
 const FORMAT: u32 = 3;

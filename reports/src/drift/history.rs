@@ -16,7 +16,7 @@ use super::{
     prediction::FEWEST_NIGHTS,
     series::{Point, Series, gone, lacking, level_of, remarks, series_of},
 };
-use crate::effect::median;
+use crate::statistics::effect::median;
 
 /// The fewest nights between two changes.
 pub const SHORTEST: usize = 5;

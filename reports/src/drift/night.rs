@@ -2,16 +2,20 @@
 
 use std::collections::BTreeMap;
 
+use record::{
+    axis::VIRTUALIZATION,
+    run_directory::{EnvironmentRecord, Event, Journal, ReadError},
+};
 use serde::{Deserialize, Serialize};
 use serde_json::{Value, json};
 
 use crate::{
-    effect::{level, median},
-    report::VIRTUALIZATION,
-    run::{Ending, Run, ScenarioRun, WindowState},
-    run_directory::{EnvironmentRecord, Event, Journal, ReadError},
-    sample::samples,
-    traffic::{Traffic, WindowTraffic},
+    analysis::sample::samples,
+    input::{
+        run::{Ending, Run, ScenarioRun, WindowState},
+        traffic::{Traffic, WindowTraffic},
+    },
+    statistics::effect::{level, median},
 };
 
 /// What is followed.
@@ -87,7 +91,7 @@ impl Metric {
 /// Why a night has no number for a scenario.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
-pub enum Lack {
+pub enum MissingData {
     /// Windows were measured, and none counts.
     Invalid(String),
     /// Nothing was measured.
@@ -121,7 +125,7 @@ pub struct Measured {
     /// The numbers, one for each window or environment.
     pub values: BTreeMap<Metric, Vec<f64>>,
     /// Why there are none.
-    pub lack: Option<Lack>,
+    pub lack: Option<MissingData>,
 }
 
 impl Measured {
@@ -201,7 +205,7 @@ fn configuration(run: &Run, scenario: &ScenarioRun) -> Value {
 }
 
 /// Why none of its windows counts.
-fn lack(scenario: &ScenarioRun) -> Lack {
+fn lack(scenario: &ScenarioRun) -> MissingData {
     let reasons: Vec<String> = scenario
         .windows
         .iter()
@@ -215,11 +219,11 @@ fn lack(scenario: &ScenarioRun) -> Lack {
         .map(|(number, reasons)| format!("window {number}: {reasons}"))
         .collect();
     if !reasons.is_empty() {
-        return Lack::Invalid(reasons.join("; "));
+        return MissingData::Invalid(reasons.join("; "));
     }
-    Lack::Absent(match &scenario.ending {
-        Ending::Infeasible { reason, .. } => return Lack::NotAsked(format!("infeasible: {reason}")),
-        Ending::NotSelected { reason } => return Lack::NotAsked(format!("not selected: {reason}")),
+    MissingData::Absent(match &scenario.ending {
+        Ending::Infeasible { reason, .. } => return MissingData::NotAsked(format!("infeasible: {reason}")),
+        Ending::NotSelected { reason } => return MissingData::NotAsked(format!("not selected: {reason}")),
         Ending::NotStarted => "it was not begun".to_owned(),
         Ending::Unfinished => "it did not come to its end".to_owned(),
         Ending::Ended {

@@ -25,7 +25,7 @@ use statrs::{
     function::factorial::binomial,
 };
 
-use crate::{effect::median, power};
+use crate::{analysis::power, statistics::effect::median};
 
 /// The fewest nights that say how much nights differ.
 pub const FEWEST_NIGHTS: usize = 4;
@@ -217,7 +217,7 @@ mod tests {
     use rstest::rstest;
 
     use super::*;
-    use crate::simulation::Noise;
+    use crate::statistics::noise_model::Noise;
 
     fn nights(seed: u64, count: usize) -> Vec<f64> {
         let mut noise = Noise::new(seed);

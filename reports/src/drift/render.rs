@@ -5,6 +5,8 @@ mod json;
 mod junit;
 mod text;
 
+pub use json::DriftDocument;
+
 use super::{Cause, Drift, Finding, Judgement, Kind, Metric, Verdict};
 
 impl Drift {

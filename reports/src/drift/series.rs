@@ -2,8 +2,10 @@
 
 use std::collections::BTreeSet;
 
-use super::{Acknowledgements, Judgement, Lack, Metric, Night, Verdict, night::Measured};
-use crate::{effect::median, fields::differing, run_directory::Difference};
+use record::run_directory::Difference;
+
+use super::{Acknowledgements, Judgement, Metric, MissingData, Night, Verdict, night::Measured};
+use crate::{analysis::fields::differing, statistics::effect::median};
 
 /// What one scenario and metric came to, night after night.
 #[derive(Debug, Clone, PartialEq)]
@@ -15,7 +17,7 @@ pub struct Series<'a> {
     /// The nights that have a number, the earliest first.
     pub(super) points: Vec<Point<'a>>,
     /// What the newest night lacks to have one.
-    pub(super) lack: Option<Lack>,
+    pub(super) lack: Option<MissingData>,
 }
 
 /// A night with a number.
@@ -48,7 +50,8 @@ pub fn series_of(nights: &[Night]) -> Vec<Series<'_>> {
     for scenario in newest.scenarios.keys() {
         for metric in Metric::ALL {
             let series = Series::of(nights, scenario, metric);
-            let never_asked = matches!(series.lack, Some(Lack::NotAsked(_))) && series.points.is_empty();
+            let never_asked =
+                matches!(series.lack, Some(MissingData::NotAsked(_))) && series.points.is_empty();
             // A metric that no night has, or that is the same in all as far as it is measured, is none of this platform's; but
             // for the one that it is about.
             let levels = || series.points.iter().map(|point| point.level);
@@ -140,7 +143,7 @@ impl<'a> Series<'a> {
             lack: match (has_number, newest.and_then(|newest| newest.lack.clone())) {
                 (true, _) => None,
                 (false, Some(lack)) => Some(lack),
-                (false, None) => Some(Lack::Absent("the run has no such number".to_owned())),
+                (false, None) => Some(MissingData::Absent("the run has no such number".to_owned())),
             },
         }
     }
@@ -188,7 +191,7 @@ impl Cause {
 /// What a series has to say that has no number tonight.
 pub(super) fn lacking(series: &Series<'_>) -> Option<Verdict> {
     Some(match series.lack.clone()? {
-        Lack::Invalid(reason) => Verdict::Invalid { reason },
-        Lack::Absent(reason) | Lack::NotAsked(reason) => Verdict::TooLittle { reason },
+        MissingData::Invalid(reason) => Verdict::Invalid { reason },
+        MissingData::Absent(reason) | MissingData::NotAsked(reason) => Verdict::TooLittle { reason },
     })
 }

@@ -2,11 +2,12 @@
 
 use std::collections::BTreeMap;
 
+use record::run_directory::EnvironmentRecord;
 use rstest::rstest;
 use serde_json::json;
 
 use super::{night::Measured, *};
-use crate::{run_directory::EnvironmentRecord, simulation::Noise};
+use crate::statistics::noise_model::Noise;
 
 const SCENARIO: &str = "x86_64-debian-12-docker";
 
@@ -68,7 +69,7 @@ fn provisioning_that_is_the_same_to_the_millisecond_is_no_series_of_its_own() {
     );
 }
 
-fn without_windows(night: &mut Night, lack: Lack) {
+fn without_windows(night: &mut Night, lack: MissingData) {
     let measured = night.scenarios.get_mut(SCENARIO).unwrap();
     measured.values.clear();
     measured.lack = Some(lack);
@@ -161,10 +162,10 @@ fn a_small_jump_is_found_by_its_change_point() {
 }
 
 #[rstest]
-#[case::invalid(Lack::Invalid("window 1: late".to_owned()), Verdict::Invalid { reason: "window 1: late".to_owned() })]
-#[case::errored(Lack::Absent("errored: no engine".to_owned()), Verdict::TooLittle { reason: "errored: no engine".to_owned() })]
-#[case::infeasible(Lack::NotAsked("infeasible: no engine".to_owned()), Verdict::TooLittle { reason: "infeasible: no engine".to_owned() })]
-fn a_newest_night_without_a_number_is_never_a_pass(#[case] lack: Lack, #[case] verdict: Verdict) {
+#[case::invalid(MissingData::Invalid("window 1: late".to_owned()), Verdict::Invalid { reason: "window 1: late".to_owned() })]
+#[case::errored(MissingData::Absent("errored: no engine".to_owned()), Verdict::TooLittle { reason: "errored: no engine".to_owned() })]
+#[case::infeasible(MissingData::NotAsked("infeasible: no engine".to_owned()), Verdict::TooLittle { reason: "infeasible: no engine".to_owned() })]
+fn a_newest_night_without_a_number_is_never_a_pass(#[case] lack: MissingData, #[case] verdict: Verdict) {
     let mut all = nights(30, 1, |_| USUAL_M);
     without_windows(all.last_mut().unwrap(), lack);
     assert_eq!(judged(&all).verdict, verdict);
@@ -173,7 +174,7 @@ fn a_newest_night_without_a_number_is_never_a_pass(#[case] lack: Lack, #[case] v
 #[test]
 fn an_earlier_night_without_a_number_is_left_out() {
     let mut all = nights(30, 1, |_| USUAL_M);
-    without_windows(&mut all[10], Lack::Invalid("window 1: late".to_owned()));
+    without_windows(&mut all[10], MissingData::Invalid("window 1: late".to_owned()));
     let judgement = judged(&all);
     assert!(matches!(judgement.verdict, Verdict::NoDrift { .. }));
     assert_eq!(judgement.nights, 29);
@@ -203,7 +204,7 @@ fn what_was_never_to_be_measured_is_not_judged() {
     for night in &mut all {
         let mut other = night.scenarios[SCENARIO].clone();
         other.values.clear();
-        other.lack = Some(Lack::NotAsked("infeasible: no VirtualBox".to_owned()));
+        other.lack = Some(MissingData::NotAsked("infeasible: no VirtualBox".to_owned()));
         night
             .scenarios
             .insert("x86_64-debian-12-virtualbox".to_owned(), other);
@@ -351,7 +352,7 @@ fn a_drift_that_nobody_knows_of_is_still_one_in_a_night_without_a_number() {
     let mut all = nights(30, 5, |number| USUAL_M + if number >= 20 { 0.012 } else { 0.0 });
     without_windows(
         all.last_mut().unwrap(),
-        Lack::Invalid("window 1: late".to_owned()),
+        MissingData::Invalid("window 1: late".to_owned()),
     );
     let drift = history::judge(&all, &Settings::default());
     assert_eq!(drift.verdict(), Verdict::Drift);
@@ -571,7 +572,9 @@ fn what_is_printed_says_what_changed_and_with_what() {
     for night in &mut all {
         let mut other = night.scenarios[SCENARIO].clone();
         other.values.clear();
-        other.lack = Some(Lack::Absent("errored: the engine | does not <answer>".to_owned()));
+        other.lack = Some(MissingData::Absent(
+            "errored: the engine | does not <answer>".to_owned(),
+        ));
         night
             .scenarios
             .insert("x86_64-debian-12-native".to_owned(), other);

@@ -67,7 +67,7 @@ fn variance(series: &[f64]) -> f64 {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::simulation::Noise;
+    use crate::statistics::noise_model::Noise;
 
     // By hand: ten values in order have the largest surplus, 45, of variance 10·9·25/18 = 125: z = 44/√125.
     #[test]

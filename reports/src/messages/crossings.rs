@@ -2,7 +2,7 @@
 
 use std::collections::VecDeque;
 
-use crate::packets::{Coming, Departure, Furthest, Passage};
+use crate::input::packets::{Coming, Departure, Furthest, Passage};
 
 /// More than this many segments that nobody asks about any more are not kept: a direction whose acknowledgements the
 /// capture does not have.

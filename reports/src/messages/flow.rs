@@ -13,14 +13,14 @@
 
 use std::collections::VecDeque;
 
+use record::settings::Messages;
+
 use super::{
     crossings::{Crossing, Crossings},
     frames::{Found, FrameFinder, Label},
     spans::Spans,
 };
-use workload::settings::Messages;
-
-use crate::packets::{Passage, Segment, Topic, count_on};
+use crate::input::packets::{Passage, Segment, Topic, count_on};
 
 /// How long after it was acknowledged a message waits for duplicates: longer than a packet can be under way.
 const LINGER_NS: i64 = 5_000_000_000;

@@ -5,12 +5,10 @@
 //! `std_msgs/String` of the author's form. Where the finder does not know where a message begins, it takes the first place at
 //! which one is whole: by chance bytes agree with each other in so many places next to never.
 
-use workload::{
-    experiment::message::{CommandMessage, StateMessage},
-    settings::Messages,
-};
+use record::settings::Messages;
+use workload::experiment::message::{CommandMessage, StateMessage};
 
-use crate::packets::Topic;
+use crate::input::packets::Topic;
 
 /// What a message says of itself.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]

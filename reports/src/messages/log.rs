@@ -4,13 +4,14 @@
 use std::fs::File;
 
 use csv::ByteRecord;
-use workload::{experiment::message::stamp_in_text, settings::Messages};
+use record::{
+    run_directory::{Fault, LogError, Place, ReadError},
+    settings::Messages,
+};
+use workload::experiment::message::stamp_in_text;
 
 use super::frames::Label;
-use crate::{
-    packets::Topic,
-    run_directory::{Fault, LogError, Place, ReadError},
-};
+use crate::input::packets::Topic;
 
 /// A message in the log.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]

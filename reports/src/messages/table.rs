@@ -14,12 +14,10 @@ use polars::{
     io::{csv::write::BatchedWriter as CsvPieces, parquet::write::BatchedWriter as ParquetPieces},
     prelude::{CsvWriter, ParquetCompression, ParquetWriter, SerWriter},
 };
+use record::run_directory::{Place, Unfinished};
 
 use super::{exchange::Ports, frames::Label};
-use crate::{
-    packets::Topic,
-    run_directory::{Place, Unfinished},
-};
+use crate::input::packets::Topic;
 
 /// Rows that are gathered before they are written; also a row group of the Parquet file.
 const PIECE: usize = 1 << 16;

@@ -1,4 +1,4 @@
-"""Expected values of the tests in src/conclusion.rs: a stratified permutation test of mean levels by enumeration, and the
+"""Expected values of the tests in src/analysis/conclusion.rs: a stratified permutation test of mean levels by enumeration, and the
 shifts that it does not reject by looking at each of many. Only Python's own library."""
 
 from itertools import combinations, product

@@ -2,9 +2,16 @@
 
 use std::{error::Error, fs, path::Path};
 
-use reports::{ReadError, Run, analyse, run::WindowState, run_directory::Event, traffic::Traffic};
+use record::{
+    progress::Progress,
+    run_directory::{Event, ReadError},
+    window::Verdict,
+};
+use reports::{
+    Run, analyse,
+    input::{run::WindowState, traffic::Traffic},
+};
 use rstest::rstest;
-use workload::record::{progress::Progress, window::Verdict};
 
 use crate::synthetic::{Scenario, Synthetic, journal};
 
@@ -208,7 +215,7 @@ fn the_report_says_why_a_window_with_a_damaged_log_does_not_count() {
     synthetic.edit_log(SLUG, 2, true, |log| with_field(&log, 17, 9, "NaN"));
     let run = load(&synthetic).unwrap();
     let report = analyse(&run, Traffic::default(), &run.manifest.report);
-    let markdown = report.markdown().replace('\n', " ");
+    let markdown = report.present().markdown().replace('\n', " ");
     assert!(
         markdown.contains("window 2 broken, not counted: control.csv cannot be used: line 17 has"),
         "{markdown}"

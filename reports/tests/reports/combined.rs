@@ -2,12 +2,12 @@
 
 use std::{fs, path::Path};
 
+use record::run_directory::Place;
 use reports::{
     Run, analyse,
-    combination::{Misfit, Misfits, Repeated, combine},
+    analysis::combination::{Misfit, Misfits, Repeated, combine},
+    input::traffic::Traffic,
     load,
-    run_directory::Place,
-    traffic::Traffic,
 };
 use serde_json::{Value, json};
 
@@ -109,8 +109,8 @@ fn the_papers_three_machines_measured_apart_are_its_nine_scenarios() {
     assert_eq!(measured, ["ghi", "bc", "df"]);
     assert_eq!(report.run, "arm64 + i686 + i7");
     assert_eq!(report.tally("b", "h").unwrap().pairs, 16);
-    assert_eq!(report.remarks, Vec::<String>::new());
-    let text = report.markdown();
+    assert_eq!(report.present().remarks, Vec::<String>::new());
+    let text = report.present().markdown();
     assert!(
         text.contains("- Run i686 of 2026-11-21T04:00:00.000Z by matrix 0.1.0, revision unknown: b, c."),
         "{text}"
@@ -135,7 +135,11 @@ fn a_combined_report_is_as_one_of_a_single_run() {
         ),
     ];
     let combined = together(&[&apart[0], &apart[1]], Repeated::Refused).unwrap();
-    let tables = |run: &Run| analyse(run, Traffic::default(), &run.manifest.report).tables;
+    let tables = |run: &Run| {
+        analyse(run, Traffic::default(), &run.manifest.report)
+            .present()
+            .tables
+    };
     assert_eq!(tables(&combined), tables(&whole));
     assert_eq!(
         combined.remarks.len(),
@@ -273,7 +277,7 @@ fn what_a_run_began_and_another_measured_is_the_others_with_a_remark() {
         "first",
         &[Scenario::ended(
             "arm-ubuntu-native",
-            reports::run_directory::Outcome::Errored,
+            record::run_directory::Outcome::Errored,
             "the disk is full",
         )],
     );

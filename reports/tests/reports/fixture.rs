@@ -2,7 +2,7 @@
 
 use std::path::PathBuf;
 
-use reports::{analyse, traffic::Traffic};
+use reports::{analyse, input::traffic::Traffic};
 
 fn fixture() -> PathBuf {
     PathBuf::from(concat!(
@@ -14,5 +14,9 @@ fn fixture() -> PathBuf {
 #[test]
 fn a_run_directory_of_format_1_is_still_readable() {
     let run = reports::load(fixture()).unwrap();
-    insta::assert_snapshot!(analyse(&run, Traffic::default(), &run.manifest.report).markdown());
+    insta::assert_snapshot!(
+        analyse(&run, Traffic::default(), &run.manifest.report)
+            .present()
+            .markdown()
+    );
 }

@@ -7,12 +7,10 @@ use std::{
     path::{Path, PathBuf},
 };
 
-use reports::{
-    analyse, drift::digest::night_of, messages::write_messages, run_directory::RunDirectory, traffic,
-};
+use record::{run_directory::RunDirectory, window::WindowRecord};
+use reports::{analyse, drift::digest::night_of, input::traffic, messages::write_messages};
 use rstest::rstest;
 use tempfile::TempDir;
-use workload::record::window::WindowRecord;
 
 use crate::synthetic::{Scenario, Synthetic};
 
@@ -131,7 +129,7 @@ fn a_file_that_never_ends_is_an_error_at_once(
     let synthetic = run();
     replace_by_link(&synthetic.directory.path().join(name), Path::new(endless));
     let error = reports::load(synthetic.directory.path()).unwrap_err();
-    let told = workload::causes::with_causes(&error);
+    let told = record::causes::with_causes(&error);
     assert!(told.contains("a link, a device, a socket or a FIFO"), "{told}");
 }
 
@@ -166,7 +164,7 @@ fn a_name_that_is_no_name_is_an_error_where_it_is_read(
     *record.pointer_mut(field).unwrap() = name.into();
     fs::write(&path, record.to_string()).unwrap();
     let error = reports::load(synthetic.directory.path()).unwrap_err();
-    let told = workload::causes::with_causes(&error);
+    let told = record::causes::with_causes(&error);
     assert!(told.contains("is no name"), "{told}");
 }
 
@@ -267,10 +265,10 @@ fn what_no_window_can_be_is_said_of_its_window_and_the_others_count() {
     let states: Vec<bool> = run.scenarios[0]
         .windows
         .iter()
-        .map(|window| matches!(window.state, reports::run::WindowState::Counted { .. }))
+        .map(|window| matches!(window.state, reports::input::run::WindowState::Counted { .. }))
         .collect();
     assert_eq!(states, [true, false, true, true]);
-    let reports::run::WindowState::Broken { reason } = &run.scenarios[0].windows[1].state else {
+    let reports::input::run::WindowState::Broken { reason } = &run.scenarios[0].windows[1].state else {
         panic!("{:?}", run.scenarios[0].windows[1].state);
     };
     assert_eq!(

@@ -1,6 +1,7 @@
 //! The report as one page.
 
-use reports::{analyse, figure, run_directory::Outcome, traffic::Traffic};
+use record::run_directory::Outcome;
+use reports::{analyse, input::traffic::Traffic, present::figure};
 
 use crate::{
     synthetic::{Scenario, Synthetic},
@@ -11,7 +12,7 @@ fn page(scenarios: &[Scenario]) -> String {
     let synthetic = Synthetic::new(scenarios);
     let run = reports::load(synthetic.directory.path()).unwrap();
     let report = analyse(&run, Traffic::default(), &run.manifest.report);
-    report.html(&figure::draw(&run, &report).unwrap())
+    report.present().html(&figure::draw(&run, &report).unwrap())
 }
 
 /// What is between a tag and its end, the first time.
@@ -46,14 +47,14 @@ fn every_table_and_scenario_and_remark_is_in_it() {
     let synthetic = Synthetic::new(&nine());
     let run = reports::load(synthetic.directory.path()).unwrap();
     let report = analyse(&run, Traffic::default(), &run.manifest.report);
-    let page = report.html(&[]);
+    let page = report.present().html(&[]);
     let escaped = |text: &str| {
         text.replace('&', "&amp;")
             .replace('<', "&lt;")
             .replace('>', "&gt;")
             .replace('"', "&quot;")
     };
-    for table in &report.tables {
+    for table in &report.present().tables {
         assert!(page.contains(&escaped(&table.title)), "{}", table.title);
         for note in &table.notes {
             let first = note.split('`').next().unwrap();

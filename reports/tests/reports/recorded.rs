@@ -1,19 +1,17 @@
-//! A run that was recorded with captures: every file of its report against the stored one, and its packets against those that
-//! tshark sees.
+//! A run that was recorded with captures: every file of its report against the stored one. `tests/engines/tests/tshark.rs` holds
+//! its packets against those that tshark sees.
 
 use std::{
-    collections::{BTreeMap, HashMap},
+    collections::BTreeMap,
     fs,
     path::{Path, PathBuf},
-    process::Command,
 };
 
+use record::run_directory::RunDirectory;
 use reports::{
     analyse,
     drift::{Metric, Night, digest::night_of},
-    packets::Topic,
-    run_directory::RunDirectory,
-    traffic::{self, Traffic, WindowTraffic},
+    input::traffic::{self, Traffic},
 };
 use serde_json::Value;
 use sha2::{Digest, Sha256};
@@ -109,131 +107,6 @@ fn every_table_and_figure_is_the_stored_one() {
     insta::assert_snapshot!("files", names.join("\n"));
 }
 
-/// What tshark says of a packet with data.
-#[derive(Debug)]
-struct Seen {
-    at_s: f64,
-    source: String,
-    is_again: bool,
-}
-
-/// The packets with data in a capture, by what tells them apart.
-fn seen_by_tshark(capture: &Path) -> HashMap<[String; 3], Seen> {
-    let fields = [
-        "ip.id",
-        "tcp.seq_raw",
-        "tcp.options.timestamp.tsval",
-        "frame.time_epoch",
-        "ip.src",
-        "tcp.analysis.retransmission",
-        "tcp.analysis.out_of_order",
-        "tcp.analysis.fast_retransmission",
-    ];
-    let mut command = Command::new("tshark");
-    command
-        .arg("-r")
-        .arg(capture)
-        .args(["-Y", "tcp.len > 0", "-T", "fields"]);
-    fields.iter().for_each(|field| {
-        command.args(["-e", field]);
-    });
-    let output = command.output().expect("tests/prepare installs tshark");
-    assert!(
-        output.status.success(),
-        "{}",
-        String::from_utf8_lossy(&output.stderr)
-    );
-    let text = String::from_utf8(output.stdout).unwrap();
-    let packet = |line: &str| {
-        let columns: Vec<&str> = line.split('\t').collect();
-        let seen = Seen {
-            at_s: columns[3].parse().unwrap(),
-            source: columns[4].to_owned(),
-            is_again: columns[5..].iter().any(|flag| !flag.is_empty()),
-        };
-        ([0, 1, 2].map(|key| columns[key].to_owned()), seen)
-    };
-    text.lines().map(packet).collect()
-}
-
-#[test]
-fn the_packets_are_those_that_tshark_sees() {
-    let (_folder, directory) = copy();
-    let run = reports::load(directory.path()).unwrap();
-    let found = traffic::read(&run);
-    let mut compared = 0;
-    for scenario in &run.scenarios {
-        let Some(of_it) = found.scenarios.get(&scenario.planned.id) else {
-            continue;
-        };
-        for ((number, record, _), traffic) in scenario.counted().zip(&of_it.windows) {
-            // The files of the first window begin before it does, and packets cross from one into the next.
-            let [began_s, ended_s] = [record.started_unix_ns, record.ended_unix_ns].map(|ns| ns as f64 / 1e9);
-            let folder = directory.window(&scenario.planned.slug, number).path();
-            for topic in Topic::ALL {
-                let [sent, arrived] = [topic.sender(), topic.receiver()]
-                    .map(|host| seen_by_tshark(&folder.join(format!("{host}.pcap.zst"))));
-                let from_it = sent
-                    .iter()
-                    .filter(|(_, seen)| seen.source == topic.sender().address().to_string());
-                let within: Vec<_> = from_it
-                    .filter(|(_, seen)| (began_s..ended_s).contains(&seen.at_s))
-                    .collect();
-                compare(traffic, topic, &within, &arrived, ended_s);
-                compared += 1;
-            }
-        }
-    }
-    assert_eq!(compared, 12, "two scenarios, three windows, two directions");
-}
-
-fn compare(
-    found: &WindowTraffic,
-    topic: Topic,
-    sent: &[(&[String; 3], &Seen)],
-    arrived: &HashMap<[String; 3], Seen>,
-    ended_s: f64,
-) {
-    let direction = found.direction(topic);
-    assert_eq!(direction.total(|period| period.sent), sent.len() as u64);
-    let again = sent.iter().filter(|(_, seen)| seen.is_again).count() as u64;
-    assert_eq!(direction.total(|period| period.sent_again), again);
-    // What was sent just before the end is in the next window's file.
-    let settled = sent.iter().filter(|(_, seen)| seen.at_s < ended_s - 1.0);
-    let (there, gone): (Vec<_>, Vec<_>) = settled.copied().partition(|(key, _)| arrived.contains_key(*key));
-    let late = sent.len() - there.len() - gone.len();
-    let lost = direction.total(|period| period.lost);
-    assert!(
-        (gone.len() as u64..=(gone.len() + late) as u64).contains(&lost),
-        "{lost} {}",
-        gone.len()
-    );
-    // Mean delays, over what has arrived within the file: the same up to the packets at its end.
-    let delays: Vec<f64> = sent
-        .iter()
-        .filter_map(|(key, seen)| Some(arrived.get(*key)?.at_s - seen.at_s))
-        .collect();
-    let spread = direction.one_way.as_ref().unwrap();
-    let shortest_s = delays.iter().copied().fold(f64::INFINITY, f64::min);
-    assert!(
-        (spread.min_s - shortest_s).abs() < 1e-6,
-        "{} {shortest_s}",
-        spread.min_s
-    );
-    assert!(
-        spread.count.abs_diff(delays.len() as u64) <= 3,
-        "{} {}",
-        spread.count,
-        delays.len()
-    );
-    let mean_s = delays.iter().sum::<f64>() / delays.len() as f64;
-    assert!(
-        (spread.mean_s - mean_s).abs() < 2e-5,
-        "{} {mean_s}",
-        spread.mean_s
-    );
-}
-
 #[test]
 fn a_night_has_the_delays_of_its_packets() {
     let (_folder, directory) = copy();
@@ -325,11 +198,8 @@ fn a_truncated_capture_takes_its_window_out_and_no_other() {
         })
         .collect();
     assert_eq!(windows, BTreeMap::from([("a", vec![1, 3]), ("b", vec![1, 2, 3])]));
-    let remark = report
-        .remarks
-        .iter()
-        .find(|remark| remark.contains("window 2"))
-        .unwrap();
+    let remarks = report.present().remarks;
+    let remark = remarks.iter().find(|remark| remark.contains("window 2")).unwrap();
     assert!(
         remark.contains("sta1.pcap.zst") && remark.contains("bytes"),
         "{remark}"

@@ -5,11 +5,12 @@ use std::{
     path::{Path, PathBuf},
 };
 
+use record::run_directory::{Event, Outcome, Place, Resource, RunDirectory};
 use reports::{
-    analyse, load,
+    analyse,
+    input::traffic::Traffic,
+    load,
     redaction::{Redaction, copy},
-    run_directory::{Event, Outcome, Place, Resource, RunDirectory},
-    traffic::Traffic,
 };
 use serde_json::{Value, json};
 
@@ -192,11 +193,12 @@ fn no_file_of_a_redacted_report_has_a_name() {
     assert_eq!(told_by(folder.path()), Vec::<String>::new());
     assert!(
         report
+            .present()
             .remarks
             .iter()
             .any(|remark| remark.starts_with("Redacted:")),
         "{:?}",
-        report.remarks
+        report.present().remarks
     );
 }
 

@@ -3,24 +3,20 @@
 
 use std::{fs, path::PathBuf};
 
-use reports::{
+use record::{
+    control_log::ControlRow,
+    quantity::{Frequency, TimeSpan},
+    report_settings::ReportSettings,
     run_directory::{
         Chain, EnvironmentRecord, Event, FORMAT, JournalEntry, Manifest, Outcome, PlanRecord,
         PlannedScenario, RunDirectory,
     },
-    settings::ReportSettings,
+    settings::Settings,
+    window::{ConditionsRecord, FileRecord, LoopRecord, NoticesRecord, Verdict, WindowRecord},
 };
 use serde_json::{Map, Value, json};
 use sha2::{Digest, Sha256};
 use tempfile::TempDir;
-use workload::{
-    quantity::{Frequency, TimeSpan},
-    record::{
-        control_log::ControlRow,
-        window::{ConditionsRecord, FileRecord, LoopRecord, NoticesRecord, Verdict, WindowRecord},
-    },
-    settings::Settings,
-};
 
 /// Periods in a window; a period has 10 steps.
 pub const PERIODS: u64 = 30;
@@ -230,6 +226,7 @@ fn planned(id: String, scenario: &Scenario) -> PlannedScenario {
         reason: scenario.infeasible.map(str::to_owned),
         fix: scenario.infeasible.map(|_| "add a host that can".to_owned()),
         not_selected: scenario.not_selected.map(str::to_owned),
+        simulated: false,
         settings: settings(),
     }
 }
@@ -339,7 +336,7 @@ fn window_record(slug: &str, window: u32, log: &str) -> WindowRecord {
         ..LoopRecord::default()
     };
     WindowRecord {
-        format: workload::record::FORMAT,
+        format: record::FORMAT,
         window,
         environment: format!("matrix-2026-11-21-{slug}-1"),
         starts_run: window == 1,

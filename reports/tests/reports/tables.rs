@@ -1,15 +1,14 @@
 //! What a report says.
 
-use reports::{
-    Report, analyse,
+use record::{
+    report_settings::{Metric, ReportSettings, WarmUp},
     run_directory::{EnvironmentRecord, Event, Outcome},
-    settings::{Metric, ReportSettings, WarmUp},
-    steadiness::Unseen,
-    traffic::Traffic,
-    within::Look,
+    window::{ReleaseRecord, Verdict},
+};
+use reports::{
+    Report, analyse, analysis::within::Look, input::traffic::Traffic, statistics::stationarity::Unseen,
 };
 use serde_json::{Value, json};
-use workload::record::window::{ReleaseRecord, Verdict};
 
 use crate::synthetic::{Scenario, Synthetic, journal, log};
 
@@ -42,13 +41,13 @@ fn report_of(synthetic: &Synthetic) -> Report {
 }
 
 fn json_of(report: &Report) -> Value {
-    serde_json::to_value(report.json()).unwrap()
+    serde_json::to_value(report.present().json()).unwrap()
 }
 
 #[test]
 fn the_papers_tables_in_markdown() {
     let synthetic = Synthetic::new(&nine());
-    let markdown = report_of(&synthetic).markdown();
+    let markdown = report_of(&synthetic).present().markdown();
     for line in markdown.lines() {
         assert!(
             line.chars().count() <= 80,
@@ -91,8 +90,9 @@ fn all_measured() -> Synthetic {
 #[test]
 fn a_run_of_the_papers_scenarios_has_its_tables_in_its_layout_beside_its_counts() {
     let report = report_of(&all_measured());
+    let tables = report.present().tables;
     let table = |title: &str| {
-        let found = report.tables.iter().find(|table| table.title.starts_with(title));
+        let found = tables.iter().find(|table| table.title.starts_with(title));
         found.unwrap_or_else(|| panic!("{title}"))
     };
     let columns = |title: &str| {
@@ -156,12 +156,13 @@ fn what_is_no_scenario_of_the_paper_has_no_count_of_it_beside() {
         Scenario::measured("x86-debian-docker", &[0.2, 0.1]).by("docker"),
     ];
     let report = report_of(&Synthetic::new(&scenarios));
-    let headings = report.tables.iter().flat_map(|table| &table.columns);
+    let tables = report.present().tables;
+    let headings = tables.iter().flat_map(|table| &table.columns);
     assert!(headings.clone().count() > 20);
     for column in headings {
         assert!(!column.heading.contains("paper"), "{}", column.heading);
     }
-    let text = report.markdown().replace('\n', " ");
+    let text = report.present().markdown().replace('\n', " ");
     assert!(
         text.contains("None of the paper's scenarios is in this run"),
         "{text}"
@@ -172,7 +173,7 @@ fn what_is_no_scenario_of_the_paper_has_no_count_of_it_beside() {
         Scenario::measured("arm64-ubuntu-docker", &[0.2, 0.1]).by("docker"),
     ];
     let report = report_of(&Synthetic::new(&some));
-    let text = report.markdown().replace('\n', " ");
+    let text = report.present().markdown().replace('\n', " ");
     assert!(
         text.contains("Its scenarios a, b, c, d, e, f, i are not in this run"),
         "{text}"
@@ -215,7 +216,7 @@ fn the_papers_two_conclusions_are_tests_of_their_own() {
             ("docker", "g".to_owned(), "d".to_owned())
         ]
     );
-    let text = report.markdown().replace('\n', " ");
+    let text = report.present().markdown().replace('\n', " ");
     for said in ["it may be the hardware that differs", "on one machine"] {
         assert!(
             text.split_whitespace()
@@ -234,7 +235,7 @@ fn the_papers_two_conclusions_are_tests_of_their_own() {
 
 #[test]
 fn the_papers_tables_in_latex() {
-    insta::assert_snapshot!(report_of(&Synthetic::new(&nine())).latex());
+    insta::assert_snapshot!(report_of(&Synthetic::new(&nine())).present().latex());
 }
 
 #[test]
@@ -337,7 +338,7 @@ fn what_a_window_warms_up_is_flagged_and_cut_only_if_asked() {
     assert_eq!(cut.samples[1].first_period, 6);
     let within = cut.scenarios[0].within.clone().unwrap();
     assert_eq!((within.cut, within.unsteady), (vec![(2, 5)], vec![]));
-    let markdown = cut.markdown();
+    let markdown = cut.present().markdown();
     for said in [
         "a window 2: warmed up, 5 periods more were cut",
         "in which a window warms up (MSER)",
@@ -374,7 +375,7 @@ fn what_could_not_be_looked_at_is_not_called_steady() {
     };
     let mut report = analyse(&run, Traffic::default(), &settings);
     let words = |report: &Report| {
-        let markdown = report.markdown();
+        let markdown = report.present().markdown();
         markdown.split_whitespace().collect::<Vec<_>>().join(" ")
     };
     let said = words(&report);
@@ -443,7 +444,7 @@ fn invalid_and_broken_windows_are_listed_and_never_counted() {
         windows,
         [("invalid", 0), ("suspect", 30), ("broken", 0), ("valid", 30)]
     );
-    let markdown = report.markdown();
+    let markdown = report.present().markdown();
     for line in [
         "  - window 1 invalid, not counted: 21 % of the steps were late",
         "  - window 2 suspect, counted: the wall clock jumped by 2 s",
@@ -451,7 +452,7 @@ fn invalid_and_broken_windows_are_listed_and_never_counted() {
     ] {
         assert!(markdown.contains(line), "{line}\n{markdown}");
     }
-    let latex = report.latex();
+    let latex = report.present().latex();
     let note = "Not valid: b window 1 invalid, not counted; b window 2 suspect, counted.";
     for text in [&markdown, &latex] {
         let spaced = text.split_whitespace().collect::<Vec<_>>().join(" ");
@@ -485,7 +486,7 @@ fn what_the_fake_provider_made_up_is_said_first() {
     let report = report_of(&Synthetic::new(&scenarios));
     assert_eq!(json_of(&report)["simulated"], json!(true));
     assert_eq!(json_of(&report)["scenarios"][0]["simulated"], json!(true));
-    let markdown = report.markdown();
+    let markdown = report.present().markdown();
     assert!(
         markdown
             .lines()
@@ -493,7 +494,32 @@ fn what_the_fake_provider_made_up_is_said_first() {
             .unwrap()
             .starts_with("> **SIMULATED, NOT MEASURED: scenario a was made up")
     );
-    assert!(report.latex().contains("\\textbf{SIMULATED, NOT MEASURED"));
+    assert!(
+        report
+            .present()
+            .latex()
+            .contains("\\textbf{SIMULATED, NOT MEASURED")
+    );
+}
+
+#[test]
+fn what_another_provider_made_up_is_simulated_if_the_plan_says_so_and_it_was_begun() {
+    let not_begun = Scenario {
+        not_selected: Some("left out by `--skip b`"),
+        ..Scenario::measured("x86-debian-played", &[])
+    };
+    let scenarios = [Scenario::measured("x86-debian-native", &[0.1, 0.1]), not_begun];
+    let synthetic = Synthetic::new(&scenarios);
+    assert_eq!(json_of(&report_of(&synthetic))["simulated"], json!(false));
+    let simulated = |scenario: usize| {
+        let path = synthetic.directory.plan().path();
+        let mut plan: Value = serde_json::from_slice(&std::fs::read(&path).unwrap()).unwrap();
+        plan["scenarios"][scenario]["simulated"] = json!(true);
+        synthetic.write_json(path, &plan);
+        json_of(&report_of(&synthetic))["simulated"].clone()
+    };
+    assert_eq!(simulated(1), json!(false));
+    assert_eq!(simulated(0), json!(true));
 }
 
 #[test]
@@ -513,6 +539,7 @@ fn what_the_operating_system_refused_the_loops_is_said() {
     );
     assert!(
         report
+            .present()
             .markdown()
             .contains("  - real-time priority 80 was asked for and 0 granted: EPERM")
     );
@@ -528,16 +555,16 @@ fn windows_too_short_to_be_told_apart_are_said_to_be() {
     };
     let report = analyse(&run, Traffic::default(), &settings);
     assert!(
-        report.remarks[1].contains("such windows are never told apart"),
+        report.present().remarks[1].contains("such windows are never told apart"),
         "{:?}",
-        report.remarks
+        report.present().remarks
     );
 }
 
 #[test]
 fn without_a_control_the_tables_say_what_is_missing() {
     let scenarios = [Scenario::measured("x86-debian-docker", &[0.1, 0.1])];
-    let markdown = report_of(&Synthetic::new(&scenarios)).markdown();
+    let markdown = report_of(&Synthetic::new(&scenarios)).present().markdown();
     let unwrapped = markdown.replace('\n', " ");
     assert!(unwrapped.contains(
         "Nothing to compare with: no scenario is what `report.control` asks for (virtualization: native)"
@@ -554,9 +581,9 @@ fn a_journal_that_a_crash_cut_still_gives_a_report_with_a_remark() {
     std::fs::write(&path, &journal[..journal.len() - 10]).unwrap();
     let report = report_of(&synthetic);
     assert!(
-        report.remarks[0].contains("events.jsonl is cut"),
+        report.present().remarks[0].contains("events.jsonl is cut"),
         "{:?}",
-        report.remarks
+        report.present().remarks
     );
 }
 
@@ -596,7 +623,12 @@ fn the_last_word_of_the_journal_on_a_scenario_counts() {
 fn how_late_the_emulator_let_packets_go_is_a_table_of_the_worst_window_that_counts() {
     let synthetic = Synthetic::new(&nine());
     let b = "i686-ubuntu-native";
-    assert!(!report_of(&synthetic).markdown().contains("network emulator"));
+    assert!(
+        !report_of(&synthetic)
+            .present()
+            .markdown()
+            .contains("network emulator")
+    );
     for (window, mean_ns, max_ns) in [(1, 40_000.0, 2_000_000), (2, 60_000.0, 5_000_000)] {
         synthetic.edit_window(b, window, |record| {
             record.releases = Some(ReleaseRecord {
@@ -609,7 +641,7 @@ fn how_late_the_emulator_let_packets_go_is_a_table_of_the_worst_window_that_coun
         });
     }
     let report = report_of(&synthetic);
-    let markdown = report.markdown();
+    let markdown = report.present().markdown();
     let row = markdown
         .lines()
         .find(|line| line.contains("| b |") && line.contains("5.000"))
@@ -629,7 +661,7 @@ fn told_of(platform: Value) -> String {
     let mut record: EnvironmentRecord = serde_json::from_slice(&std::fs::read(&path).unwrap()).unwrap();
     record.platform = Some(platform);
     std::fs::write(&path, serde_json::to_vec(&record).unwrap()).unwrap();
-    let markdown = report_of(&synthetic).markdown();
+    let markdown = report_of(&synthetic).present().markdown();
     markdown.split_whitespace().collect::<Vec<_>>().join(" ")
 }
 
@@ -708,7 +740,7 @@ fn scenarios_over_other_networks_are_marked_wherever_they_are_compared_and_left_
         .collect();
     assert_eq!(family, [("a", "b")]);
 
-    let markdown = report.markdown();
+    let markdown = report.present().markdown();
     assert!(
         markdown.contains("NOT THE SAME EXPERIMENT: a / c, b / c differ in network.delay"),
         "{markdown}"
@@ -735,7 +767,7 @@ fn a_pair_that_is_named_is_in_the_family_whatever_it_ran() {
 fn what_ran_the_same_experiment_has_no_mark() {
     let report = report_of(&Synthetic::new(&nine()));
     assert!(report.unlike.is_empty(), "{:?}", report.unlike);
-    let markdown = report.markdown();
+    let markdown = report.present().markdown();
     assert!(
         !markdown.contains(" * |") && !markdown.contains("NOT THE SAME"),
         "{markdown}"

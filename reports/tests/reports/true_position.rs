@@ -2,8 +2,12 @@
 
 use std::fs;
 
-use reports::{analyse, load_by, run::WindowState, settings::ErrorOf, traffic::Traffic};
-use workload::record::plant_log::PlantRow;
+use record::{plant_log::PlantRow, report_settings::ErrorOf};
+use reports::{
+    analyse,
+    input::{run::WindowState, traffic::Traffic},
+    load_by,
+};
 
 use crate::synthetic::{Scenario, Synthetic, file_record, log};
 
@@ -66,11 +70,12 @@ fn the_error_is_of_where_the_ball_was_and_the_report_says_so() {
     );
     assert!(
         report
+            .present()
             .remarks
             .iter()
             .any(|remark| remark.contains("error (`true-position`, declared was `received`)")),
         "{:?}",
-        report.remarks
+        report.present().remarks
     );
 }
 

@@ -3,13 +3,15 @@
 use std::{collections::BTreeMap, fs, path::Path};
 
 use polars::prelude::{ParquetReader, SerReader};
+use record::{
+    report_settings::{DrawnPair, ReportSettings},
+    settings::NetworkBackend,
+};
 use reports::{
     analyse,
-    figure::{self, Kind},
-    settings::{DrawnPair, ReportSettings},
-    traffic::Traffic,
+    input::traffic::Traffic,
+    present::figure::{self, Kind},
 };
-use workload::settings::NetworkBackend;
 
 use crate::synthetic::{Scenario, Synthetic};
 
@@ -182,7 +184,7 @@ fn figures_and_tables_of_an_earlier_report_are_removed_and_other_files_are_not()
     assert!(names.contains_key("mine.tex") && names.contains_key("within-the-windows.tex"));
     assert!(!names.contains_key("rejections-continued.tex"));
     let run = reports::load(synthetic.directory.path()).unwrap();
-    let remarks = analyse(&run, Traffic::default(), &settings).remarks;
+    let remarks = analyse(&run, Traffic::default(), &settings).present().remarks;
     assert!(
         remarks[0].starts_with("DIFFERS FROM WHAT WAS DECLARED: figures"),
         "{remarks:?}"
@@ -325,7 +327,7 @@ fn without_names_the_papers_kinds_of_pairs_are_drawn_and_no_more_than_twelve() {
         let drawn = figures.iter().filter(|figure| figure.kind == Kind::Distributions);
         (
             drawn.map(|figure| figure.stem().to_owned()).collect(),
-            report.remarks,
+            report.present().remarks,
         )
     };
     let measured = |slug| Scenario::measured(slug, &[0.1, 0.11]);
@@ -434,9 +436,12 @@ fn the_docs_name_each_column_and_field_that_is_written_and_no_other_column() {
         concat!(env!("CARGO_MANIFEST_DIR"), "/../tests/fixtures/recorded").into(),
     ] {
         let run = reports::load(&run).unwrap();
-        let traffic = reports::traffic::read(&run);
+        let traffic = reports::input::traffic::read(&run);
         let report = analyse(&run, traffic, &run.manifest.report);
-        fields(&serde_json::to_value(report.json()).unwrap(), &mut found);
+        fields(
+            &serde_json::to_value(report.present().json()).unwrap(),
+            &mut found,
+        );
     }
     assert!(found.len() > 80, "{found:?}");
     let mut documented = documented("report.json");

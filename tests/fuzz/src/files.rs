@@ -2,19 +2,17 @@
 
 use std::{fs, io::Cursor, path::PathBuf};
 
-use reports::{
-    ReadError,
-    packets::{CaptureFile, CaptureReadError, Segment},
+use record::{
     run_directory::{
-        ControlTrace, EnvironmentRecord, Expected, FORMAT, Journal, Manifest, Place, PlanRecord, read_record,
+        ControlTrace, EnvironmentRecord, Expected, FORMAT, Journal, Manifest, Place, PlanRecord, ReadError,
+        read_record,
     },
-};
-use sha2::{Digest, Sha256};
-use workload::{
-    experiment::message::{CommandMessage, StateMessage},
-    record::window::{FileRecord, WindowRecord},
     settings::Messages,
+    window::{FileRecord, WindowRecord},
 };
+use reports::input::packets::{CaptureFile, CaptureReadError, Segment};
+use sha2::{Digest, Sha256};
+use workload::experiment::message::{CommandMessage, StateMessage};
 
 /// Reads the bytes as a control log that is as it was measured, with as many steps as it has lines.
 pub fn control_log(bytes: &[u8]) {
@@ -110,7 +108,7 @@ pub fn run_directory(bytes: &[u8]) {
     told(read_record::<Manifest>(&place, FORMAT));
     told(read_record::<PlanRecord>(&place, FORMAT));
     told(read_record::<EnvironmentRecord>(&place, FORMAT));
-    told(read_record::<WindowRecord>(&place, workload::record::FORMAT));
+    told(read_record::<WindowRecord>(&place, record::FORMAT));
 }
 
 fn told<T>(read: Result<T, ReadError>) {

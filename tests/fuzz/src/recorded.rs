@@ -7,7 +7,7 @@ use std::{
     path::{Path, PathBuf},
 };
 
-use reports::{analyse, drift::Night, traffic};
+use reports::{analyse, drift::Night, input::traffic};
 use serde_json::Value;
 use sha2::{Digest, Sha256};
 use tempfile::TempDir;
@@ -73,8 +73,8 @@ fn read_and_report(directory: &Path) {
     let traffic = traffic::read(&run);
     let _ = Night::of(&run, &traffic);
     let report = analyse(&run, traffic, &run.manifest.report);
-    let _ = (report.markdown(), report.latex());
-    serde_json::to_writer(std::io::sink(), &report.json()).expect("a report has its JSON");
+    let _ = (report.present().markdown(), report.present().latex());
+    serde_json::to_writer(std::io::sink(), &report.present().json()).expect("a report has its JSON");
 }
 
 /// A copy of the recorded run, in memory.

@@ -1,26 +1,48 @@
 //! Each target reads what it begins with, and what becomes of that by one wrong byte or a cut, without a fuzzer.
 
-use fuzz::TARGETS;
+use std::{
+    num::NonZero,
+    sync::atomic::{AtomicUsize, Ordering},
+    thread,
+};
+
+use fuzz::{TARGETS, Target};
 
 /// Of a target that begins with more, so many are taken.
 const MOST_SEEDS: usize = 16;
 /// Of each seed so many bytes are changed, and it is cut in so many places.
 const PLACES: usize = 12;
 
+fn read(target: &Target, seed: &[u8]) {
+    (target.read)(seed);
+    for place in (0..PLACES).map(|nth| nth * seed.len() / PLACES) {
+        (target.read)(&seed[..place]);
+        let mut changed = seed.to_vec();
+        changed[place] ^= 0x15;
+        (target.read)(&changed);
+    }
+}
+
 #[test]
 fn every_reader_survives_what_others_write_and_what_a_wrong_byte_makes_of_it() {
-    for target in TARGETS {
-        let seeds = (target.seeds)();
-        assert!(!seeds.is_empty(), "{} begins with nothing", target.name);
+    let mut seeds = Vec::new();
+    for target in &TARGETS {
+        let of_it = (target.seeds)();
+        assert!(!of_it.is_empty(), "{} begins with nothing", target.name);
         // A fuzzer has time for all of them.
-        for seed in seeds.iter().step_by(seeds.len().div_ceil(MOST_SEEDS)) {
-            (target.read)(seed);
-            for place in (0..PLACES).map(|nth| nth * seed.len() / PLACES) {
-                (target.read)(&seed[..place]);
-                let mut changed = seed.clone();
-                changed[place] ^= 0x15;
-                (target.read)(&changed);
-            }
-        }
+        let step = of_it.len().div_ceil(MOST_SEEDS);
+        seeds.extend(of_it.into_iter().step_by(step).map(|seed| (target, seed)));
     }
+    let next = AtomicUsize::new(0);
+    let take = || seeds.get(next.fetch_add(1, Ordering::Relaxed));
+    // A panic in any of the threads is one of the test.
+    thread::scope(|scope| {
+        for _ in 0..thread::available_parallelism().map_or(1, NonZero::get) {
+            scope.spawn(|| {
+                while let Some((target, seed)) = take() {
+                    read(target, seed);
+                }
+            });
+        }
+    });
 }

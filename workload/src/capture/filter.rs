@@ -5,7 +5,7 @@
 
 use std::process::{Command, Stdio};
 
-use super::{CaptureError, tcpdump};
+use super::{error::CaptureError, tcpdump};
 
 /// One instruction, as `struct sock_filter` of `linux/filter.h`.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]

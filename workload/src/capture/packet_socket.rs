@@ -22,13 +22,13 @@ use nix::{
         },
     },
 };
+use record::virtual_host::VirtualHost;
 
 use super::{
-    CaptureError,
+    error::CaptureError,
     filter::Instruction,
     packet_source::{Packet, PacketSource, Wakened, wait_for},
 };
-use crate::virtual_host::VirtualHost;
 
 /// Room for packets that wait to be read: what the experiment sends in many seconds, so that a slow disk loses none.
 const RECEIVE_BUFFER_BYTES: usize = 16 << 20;

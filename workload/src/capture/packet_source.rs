@@ -1,4 +1,4 @@
-//! Where a capture's packets come from: our own socket, or tcpdump. The main type is [`PacketSource`]; [`open`] chooses.
+//! Where a capture's packets come from. The trait is [`PacketSource`]; [`super::sources`] has those that there are.
 
 use std::{
     os::fd::{AsFd, BorrowedFd},
@@ -11,11 +11,7 @@ use nix::{
     sys::{eventfd::EventFd, time::TimeSpec},
 };
 
-use super::{CaptureError, filter, packet_socket::PacketSocket, stamping, tcpdump::Tcpdump};
-use crate::{
-    settings::{CaptureSettings, CaptureTool},
-    virtual_host::VirtualHost,
-};
+use super::error::CaptureError;
 
 /// Gives the packets of one interface, both directions, in the order in which the kernel queued them.
 pub trait PacketSource: Send {
@@ -64,31 +60,6 @@ pub enum Wakened {
     ByPacketOrTime,
 }
 
-/// Opens a source on an interface of the calling thread's namespace, as the settings ask. Call it on the thread that
-/// will read: a tool ends with the thread that started it.
-///
-/// # Errors
-/// If there is no such interface, no right to it, or no such tool.
-pub fn open(
-    host: VirtualHost,
-    interface: &str,
-    settings: &CaptureSettings,
-) -> Result<Box<dyn PacketSource>, CaptureError> {
-    let source: Box<dyn PacketSource> = match settings.tool {
-        CaptureTool::Builtin => {
-            let filter = settings.filter.as_deref().map(filter::compile).transpose()?;
-            Box::new(PacketSocket::open(host, interface, filter.as_deref())?)
-        }
-        CaptureTool::Tcpdump => Box::new(Tcpdump::start(host, interface, settings)?),
-    };
-    stamping::wait_until_live().map_err(|source| CaptureError::Socket {
-        host,
-        action: "waiting for the kernel to stamp packets",
-        source,
-    })?;
-    Ok(source)
-}
-
 /// Sleeps until a source has something, the eventfd is written, or the time is up.
 ///
 /// # Errors
@@ -113,18 +84,4 @@ pub(super) fn wait_for(
     } else {
         Wakened::ByPacketOrTime
     })
-}
-
-/// Whether such captures can be made here.
-///
-/// # Errors
-/// What is missing.
-pub fn survey(settings: &CaptureSettings) -> Result<(), CaptureError> {
-    if settings.tool == CaptureTool::Tcpdump {
-        super::tcpdump::survey()?;
-    }
-    settings
-        .filter
-        .as_deref()
-        .map_or(Ok(()), |expression| filter::compile(expression).map(drop))
 }

@@ -24,12 +24,13 @@ use nix::{
     },
 };
 use pcap_file::{PcapError, pcap::PcapParser};
+use record::{settings::CaptureSettings, virtual_host::VirtualHost};
 
 use super::{
-    CaptureError,
+    error::CaptureError,
     packet_source::{Packet, PacketSource, Wakened, wait_for},
 };
-use crate::{companion, settings::CaptureSettings, virtual_host::VirtualHost};
+use crate::child_process;
 
 /// The command.
 pub(super) const NAME: &str = "tcpdump";
@@ -136,7 +137,7 @@ impl Tcpdump {
         if let Some(expression) = &settings.filter {
             command.args(["--", expression]);
         }
-        let mut child = companion::spawn(&mut command).map_err(not_started)?;
+        let mut child = child_process::spawn(&mut command).map_err(not_started)?;
         let (Some(packets), Some(sayings)) = (child.stdout.take(), child.stderr.take()) else {
             return Err(not_started(io::Error::other("it has no pipes")));
         };
@@ -252,7 +253,7 @@ impl PacketSource for Tcpdump {
     }
 
     fn take_drops(&mut self) -> Result<u64, CaptureError> {
-        kill(companion::pid(&self.child), Signal::SIGUSR1).map_err(|source| CaptureError::Socket {
+        kill(child_process::pid(&self.child), Signal::SIGUSR1).map_err(|source| CaptureError::Socket {
             host: self.host,
             action: "asking tcpdump what was dropped",
             source,

@@ -14,7 +14,7 @@ use pcap_file::{
     pcap::{PcapHeader, PcapPacket, PcapWriter},
 };
 
-use super::CaptureError;
+use super::error::CaptureError;
 
 /// A file that packets are written to. The first error is kept until the file is completed, and ends the writing.
 #[derive(Debug)]

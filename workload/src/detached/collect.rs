@@ -14,13 +14,13 @@ use std::{
 };
 
 use lz4_flex::frame::{BlockMode, BlockSize, FrameEncoder, FrameInfo};
+use record::detached::{AlreadyThere, is_sent_whole};
 use rustix::{
     fs::{Dir, FileType, Mode, OFlags, openat},
     io::Errno,
 };
 
 use super::{DetachedError, EnvironmentFolder, stream};
-use crate::record::detached::{AlreadyThere, is_sent_whole};
 
 /// A thousand windows have some thousand files, of fifty bytes each here.
 const MOST: u64 = 4 << 20;

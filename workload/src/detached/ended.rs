@@ -6,11 +6,12 @@ use std::{
     time::Duration,
 };
 
+use record::detached::Ending;
+
 use super::{
     DetachedError, EnvironmentFolder, folder,
     process::{self, Role},
 };
-use crate::record::detached::Ending;
 
 /// What a person reads of a long complaint is its end.
 const LAST_WORDS: u64 = 64 << 10;

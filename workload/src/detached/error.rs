@@ -6,9 +6,10 @@ use std::{
     time::Duration,
 };
 
+use record::detached::Failure;
 use rustix::io::Errno;
 
-use crate::{network::NetworkError, record::detached::Failure};
+use crate::network::NetworkError;
 
 /// Why a verb failed.
 #[derive(Debug, thiserror::Error)]

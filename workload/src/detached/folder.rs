@@ -16,14 +16,15 @@ use std::{
     process,
 };
 
+use record::{
+    detached::{Ended, Owner, UNFINISHED},
+    layout,
+    name::is_name,
+};
 use rustix::fs::{Mode, OFlags};
 use serde::{Serialize, de::DeserializeOwned};
 
 use super::DetachedError;
-use crate::record::{
-    detached::{Ended, Owner, UNFINISHED},
-    name::is_name,
-};
 
 /// The folder. It only knows names; whether it is there is another question.
 #[derive(Debug, Clone, PartialEq, Eq)]
@@ -98,7 +99,7 @@ impl EnvironmentFolder {
     /// The workload's standard output.
     #[must_use]
     pub fn lines(&self) -> PathBuf {
-        self.path().join("lines.jsonl")
+        self.path().join(layout::LINES)
     }
 
     /// Its standard error.
@@ -120,7 +121,7 @@ impl EnvironmentFolder {
     /// What it belongs to, if that can be read.
     #[must_use]
     pub fn owner(&self) -> Option<Owner> {
-        read_record(&self.path().join("owner.json"))
+        read_record(&self.path().join(layout::OWNER))
     }
 
     /// How its workload ended, if that was seen.
@@ -181,7 +182,7 @@ impl EnvironmentFolder {
     fn fill(&self, owner: &Owner) -> Result<(), DetachedError> {
         let create = |path: PathBuf| fs::create_dir(&path).map_err(DetachedError::file("create", &path));
         create(self.path())?;
-        write_record(&self.path().join("owner.json"), owner)?;
+        write_record(&self.path().join(layout::OWNER), owner)?;
         create(self.data())
     }
 

@@ -17,6 +17,7 @@ use std::{
     time::Duration,
 };
 
+use record::detached::{LeaseAnswer, LeaseRequest};
 use rustix::{
     event::{PollFd, PollFlags},
     fs::{FlockOperation, Mode, OFlags, fchmod, fcntl_lock, flock},
@@ -26,7 +27,6 @@ use serde::{Deserialize, Serialize};
 use serde_json::{Map, Value};
 
 use super::{DetachedError, descriptor, process, stream};
-use crate::record::detached::{LeaseAnswer, LeaseRequest};
 
 /// What the file of a lease says, and the line of who asks for one.
 const MOST: usize = 16 << 10;

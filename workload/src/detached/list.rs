@@ -2,11 +2,10 @@
 
 use std::path::Path;
 
+use record::detached::{Listed, ListedEnvironment, Removed};
+
 use super::{DetachedError, EnvironmentFolder, process};
-use crate::{
-    network::mininet::leftovers,
-    record::detached::{Listed, ListedEnvironment, Removed},
-};
+use crate::network::mininet::leftovers;
 
 /// Every environment below the root, and the bridges that no living workload has.
 ///

@@ -5,13 +5,11 @@ use std::{
     time::{Duration, SystemTime},
 };
 
+use record::{detached::Host, platform::RealtimeGrant};
 use rustix::{fs::statvfs, io::Errno};
 
 use super::DetachedError;
-use crate::{
-    record::{detached::Host, platform::RealtimeGrant},
-    survey,
-};
+use crate::survey;
 
 /// What the host says of itself; creates nothing, and the root need not be there.
 ///

@@ -2,11 +2,12 @@
 
 use std::time::Duration;
 
+use record::detached::Removed;
+
 use super::{
     DetachedError, EnvironmentFolder,
     process::{self, Process, Role},
 };
-use crate::record::detached::Removed;
 
 /// Ends the workload, in order if it does so within `patience`, then removes the folder. What is gone already is fine.
 ///

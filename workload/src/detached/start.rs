@@ -6,8 +6,9 @@ use std::{
     process::{Child, Command, Stdio},
 };
 
+use record::detached::{Failure, Start, Started};
+
 use super::{DetachedError, EnvironmentFolder, stream};
-use crate::record::detached::{Failure, Start, Started};
 
 /// Settings are three kilobytes when all are written. An argument of a program has at most 128 KiB.
 const MOST: u64 = 64 << 10;

@@ -1,10 +1,11 @@
 //! `stop`: asks the workload to end in order. The function is [`stop`].
 
+use record::detached::Stopping;
+
 use super::{
     DetachedError, EnvironmentFolder,
     process::{self, Role},
 };
-use crate::record::detached::Stopping;
 
 /// Does not wait until it has ended.
 ///

@@ -10,11 +10,12 @@ use std::{
     process::{Command, ExitStatus, Stdio},
 };
 
-use super::{DetachedError, EnvironmentFolder, process, stream};
-use crate::{
-    record::detached::{Ended, Started},
+use record::{
+    detached::{Ended, Started},
     settings::Settings,
 };
+
+use super::{DetachedError, EnvironmentFolder, process, stream};
 
 /// `start` bounds what it hands over.
 const MOST: u64 = 1 << 20;

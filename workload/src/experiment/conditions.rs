@@ -8,32 +8,143 @@ use std::{fs, path::Path};
 
 use nix::{
     sys::{
-        resource::{UsageWho, getrusage},
+        resource::{Usage, UsageWho, getrusage},
         time::TimeValLike,
     },
     time::{ClockId, clock_gettime},
     unistd::{Pid, SysconfVar, sysconf},
 };
+use record::window::ConditionsRecord;
 
-use crate::{cgroup::Groups, record::window::ConditionsRecord, survey::cpus_allowed};
+use crate::{cgroup::Groups, survey::cpus_allowed};
 
-/// Counters at one moment.
-#[derive(Debug, Clone, Default, PartialEq)]
-pub struct Counters {
+/// Makes [`Counters`] of the rows, with its reading and the difference of two readings. A row is a counter: what it is at the
+/// moment of a reading, and the fields of [`ConditionsRecord`] that follow from it.
+macro_rules! counters {
+    (
+        read(|$here:ident|), since(|$now:ident, $before:ident, $span:ident|):
+        $(
+            $(#[$comment:meta])*
+            $counter:ident: $kind:ty {
+                read: $read:expr,
+                $($field:ident: $since:expr,)*
+            }
+        )+
+    ) => {
+        /// Counters at one moment.
+        #[derive(Debug, Clone, Default, PartialEq)]
+        pub struct Counters {
+            $($(#[$comment])* pub $counter: $kind,)+
+        }
+
+        impl Counters {
+            /// Now. `others` are the workload's processes beside this one; one that has ended counts no longer.
+            #[must_use]
+            pub fn read(others: &[Pid]) -> Self {
+                let $here = Here::look(others);
+                Self { $($counter: $read,)+ }
+            }
+
+            /// What happened since `earlier`, which is so long ago. Shares are of all processors that the process may use.
+            #[must_use]
+            pub fn since(&self, earlier: &Self, elapsed_ns: i64) -> ConditionsRecord {
+                let ($now, $before, $span) = (self, earlier, Span::of(elapsed_ns));
+                ConditionsRecord { $($($field: $since,)*)+ }
+            }
+        }
+    };
+}
+
+counters! {
+    read(|here|), since(|now, before, span|):
+
     /// Processor time that the workload's processes have used.
-    pub own_cpu_ns: i64,
+    own_cpu_ns: i64 {
+        read: here.usage.map_or(0, |usage| (usage.user_time() + usage.system_time()).num_nanoseconds())
+            + here.others.iter().map(|pid| cpu_ns(*pid)).sum::<i64>(),
+    }
+
     /// Page faults of the workload's processes that had to wait for a disk.
-    pub major_faults: u64,
+    major_faults: u64 {
+        read: here.usage.map_or(0, |usage| u64::try_from(usage.major_page_faults()).unwrap_or(0))
+            + here.others.iter().map(|pid| major_faults(*pid)).sum::<u64>(),
+        major_faults: now.major_faults.saturating_sub(before.major_faults),
+    }
+
     /// Of the processors that the process may use, together.
-    pub processors: Option<ProcessorTimes>,
+    processors: Option<ProcessorTimes> {
+        read: text("/proc/stat").and_then(|stat| ProcessorTimes::of(&stat, &here.cpus)),
+        steal_share: both(now.processors, before.processors)
+            .map(|(now, before)| ticks_ns(now.stolen.saturating_sub(before.stolen)) / span.processors_ns),
+        // Ticks are coarse: on a quiet machine the rest may come out a little below nothing.
+        other_load_share: both(now.processors, before.processors).map(|(later, earlier)| {
+            let own_ns = (now.own_cpu_ns - before.own_cpu_ns) as f64;
+            ((ticks_ns(later.busy.saturating_sub(earlier.busy)) - own_ns) / span.processors_ns).max(0.0)
+        }),
+    }
+
     /// Of the process's control groups.
-    pub throttling: Option<Throttling>,
+    throttling: Option<Throttling> {
+        read: Groups::of("cpu").and_then(|groups| Throttling::of(&groups)),
+        throttled_share: both(now.throttling, before.throttling)
+            .map(|(now, before)| now.total_ns.saturating_sub(before.total_ns) as f64 / span.ns),
+        throttled_periods: both(now.throttling, before.throttling)
+            .map(|(now, before)| now.periods.saturating_sub(before.periods)),
+    }
+
     /// How often the processors slowed down since they were too hot.
-    pub thermal_throttles: Option<u64>,
+    thermal_throttles: Option<u64> {
+        read: thermal_throttles(&here.cpus),
+        thermal_throttles: more(now.thermal_throttles, before.thermal_throttles),
+    }
+
     /// For how long something on the machine waited for memory.
-    pub memory_waited_ns: Option<u64>,
+    memory_waited_ns: Option<u64> {
+        read: text("/proc/pressure/memory").and_then(|pressure| waited_ns(&pressure)),
+        memory_pressure_share: more(now.memory_waited_ns, before.memory_waited_ns)
+            .map(|waited_ns| waited_ns as f64 / span.ns),
+    }
+
     /// Pages swapped in and out by the machine.
-    pub swapped_pages: Option<u64>,
+    swapped_pages: Option<u64> {
+        read: text("/proc/vmstat").and_then(|vmstat| swapped_pages(&vmstat)),
+        swapped_bytes: more(now.swapped_pages, before.swapped_pages)
+            .map(|pages| pages.saturating_mul(page_bytes())),
+    }
+}
+
+/// What several counters are read from.
+struct Here<'a> {
+    usage: nix::Result<Usage>,
+    cpus: Vec<usize>,
+    others: &'a [Pid],
+}
+
+impl<'a> Here<'a> {
+    fn look(others: &'a [Pid]) -> Self {
+        Self {
+            usage: getrusage(UsageWho::RUSAGE_SELF),
+            cpus: cpus_allowed(),
+            others,
+        }
+    }
+}
+
+/// The time between two readings.
+struct Span {
+    ns: f64,
+    /// Of all processors that the process may use.
+    processors_ns: f64,
+}
+
+impl Span {
+    fn of(elapsed_ns: i64) -> Self {
+        let ns = elapsed_ns.max(1) as f64;
+        Self {
+            ns,
+            processors_ns: ns * cpus_allowed().len().max(1) as f64,
+        }
+    }
 }
 
 /// Time of processors in ticks of the clock that /proc/stat counts with.
@@ -52,56 +163,6 @@ pub struct Throttling {
     periods: u64,
     /// For how long, summed over the processors.
     total_ns: u64,
-}
-
-impl Counters {
-    /// Now. `others` are the workload's processes beside this one; one that has ended counts no longer.
-    #[must_use]
-    pub fn read(others: &[Pid]) -> Self {
-        let usage = getrusage(UsageWho::RUSAGE_SELF);
-        let cpus = cpus_allowed();
-        let text = |path: &str| fs::read_to_string(path).ok();
-        Self {
-            own_cpu_ns: usage.map_or(0, |usage| {
-                (usage.user_time() + usage.system_time()).num_nanoseconds()
-            }) + others.iter().map(|pid| cpu_ns(*pid)).sum::<i64>(),
-            major_faults: usage.map_or(0, |usage| u64::try_from(usage.major_page_faults()).unwrap_or(0))
-                + others.iter().map(|pid| major_faults(*pid)).sum::<u64>(),
-            processors: text("/proc/stat").and_then(|stat| ProcessorTimes::of(&stat, &cpus)),
-            throttling: Groups::of("cpu").and_then(|groups| Throttling::of(&groups)),
-            thermal_throttles: thermal_throttles(&cpus),
-            memory_waited_ns: text("/proc/pressure/memory").and_then(|pressure| waited_ns(&pressure)),
-            swapped_pages: text("/proc/vmstat").and_then(|vmstat| swapped_pages(&vmstat)),
-        }
-    }
-
-    /// What happened since `earlier`, which is so long ago. Shares are of all processors that the process may use.
-    #[must_use]
-    pub fn since(&self, earlier: &Self, elapsed_ns: i64) -> ConditionsRecord {
-        let elapsed_ns = elapsed_ns.max(1) as f64;
-        let processors_ns = elapsed_ns * cpus_allowed().len().max(1) as f64;
-        let own_ns = (self.own_cpu_ns - earlier.own_cpu_ns) as f64;
-        let processors = both(self.processors, earlier.processors);
-        let throttling = both(self.throttling, earlier.throttling);
-        ConditionsRecord {
-            steal_share: processors
-                .map(|(now, before)| ticks_ns(now.stolen.saturating_sub(before.stolen)) / processors_ns),
-            // Ticks are coarse: on a quiet machine the rest may come out a little below nothing.
-            other_load_share: processors.map(|(now, before)| {
-                ((ticks_ns(now.busy.saturating_sub(before.busy)) - own_ns) / processors_ns).max(0.0)
-            }),
-            throttled_share: throttling
-                .map(|(now, before)| now.total_ns.saturating_sub(before.total_ns) as f64 / elapsed_ns),
-            throttled_periods: throttling.map(|(now, before)| now.periods.saturating_sub(before.periods)),
-            thermal_throttles: both(self.thermal_throttles, earlier.thermal_throttles)
-                .map(|(now, before)| now.saturating_sub(before)),
-            memory_pressure_share: both(self.memory_waited_ns, earlier.memory_waited_ns)
-                .map(|(now, before)| now.saturating_sub(before) as f64 / elapsed_ns),
-            major_faults: self.major_faults.saturating_sub(earlier.major_faults),
-            swapped_bytes: both(self.swapped_pages, earlier.swapped_pages)
-                .map(|(now, before)| now.saturating_sub(before).saturating_mul(page_bytes())),
-        }
-    }
 }
 
 /// Processor time that another process has used; 0 if it has ended.
@@ -195,8 +256,17 @@ fn number(text: &str, name: &str) -> Option<u64> {
     lines.find(|(key, _)| *key == name)?.1.trim().parse().ok()
 }
 
+fn text(path: &str) -> Option<String> {
+    fs::read_to_string(path).ok()
+}
+
 fn both<T>(now: Option<T>, before: Option<T>) -> Option<(T, T)> {
     now.zip(before)
+}
+
+/// By how much a counter has grown.
+fn more(now: Option<u64>, before: Option<u64>) -> Option<u64> {
+    both(now, before).map(|(now, before)| now.saturating_sub(before))
 }
 
 fn ticks_ns(ticks: u64) -> f64 {

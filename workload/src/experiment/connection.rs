@@ -9,16 +9,19 @@ use std::{
     time::{Duration, Instant},
 };
 
+use record::{
+    settings::{PlantSends, Settings},
+    virtual_host::VirtualHost,
+};
+
 use super::{
+    latest_value::{self, CommandReader, StateReader},
     loops::{PlantOutput, answer},
-    message::StateEncoder,
-    slot::{self, CommandReader, StateReader},
+    message::{StateEncoder, Topic},
 };
 use crate::{
     realtime::priority::request_fifo,
     ros::{Node, NodeConfig, Notices, Publisher, RosError, Subscribers, Subscription},
-    settings::{PlantSends, Settings},
-    virtual_host::VirtualHost,
 };
 
 /// How long the nodes have to find each other: several lost packets in a row, each retried after a second or more.
@@ -71,11 +74,11 @@ impl Side<PlantEnds> {
     /// If something cannot be started.
     pub fn open_plant(settings: &Settings, master_uri: &str, notices: Notices) -> Result<Self, RosError> {
         let messages = settings.ros.messages;
-        let (states, commands) = (messages.state_topic(), messages.command_topic());
+        let (states, commands) = (Topic::of_states(messages), Topic::of_commands(messages));
         let node = Node::start(config("/plant", VirtualHost::Sta2, settings, master_uri, notices))?;
         let publisher = node.advertise(states.name, states.message_type)?;
         let subscribers = publisher.subscribers();
-        let (writer, reader) = slot::commands();
+        let (writer, reader) = latest_value::commands();
         let (output, subscription) = match settings.plant.sends {
             PlantSends::OnTick => {
                 let receive = writer.receive(messages);
@@ -86,7 +89,7 @@ impl Side<PlantEnds> {
                 )
             }
             PlantSends::OnCommand => {
-                let (newest_in, newest) = slot::states();
+                let (newest_in, newest) = latest_value::states();
                 let receive = answer(messages, writer, newest, publisher);
                 (
                     PlantOutput::Answers(newest_in),
@@ -118,7 +121,7 @@ impl Side<ControllerEnds> {
         notices: Notices,
     ) -> Result<Self, RosError> {
         let messages = settings.ros.messages;
-        let (states, commands) = (messages.state_topic(), messages.command_topic());
+        let (states, commands) = (Topic::of_states(messages), Topic::of_commands(messages));
         let node = Node::start(config(
             "/controller",
             VirtualHost::Sta1,
@@ -128,7 +131,7 @@ impl Side<ControllerEnds> {
         ))?;
         let publisher = node.advertise(commands.name, commands.message_type)?;
         let subscribers = publisher.subscribers();
-        let (writer, reader) = slot::states();
+        let (writer, reader) = latest_value::states();
         let subscription = node.subscribe(states.name, states.message_type, writer.receive(messages))?;
         let ends = ControllerEnds {
             publisher,

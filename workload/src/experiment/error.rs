@@ -2,12 +2,13 @@
 
 use std::{io, path::PathBuf};
 
+use record::virtual_host::VirtualHost;
+
 use crate::{
     capture::CaptureError,
     limits::{self, LimitError},
     network::NetworkError,
     ros::RosError,
-    virtual_host::VirtualHost,
 };
 
 /// Why the experiment could not go on.

@@ -1,6 +1,6 @@
 //! How late the steps of a loop began. The main type is [`Lateness`].
 
-use crate::record::window::LoopRecord;
+use record::window::LoopRecord;
 
 /// The times from due to begun of one loop's steps in one window. All are kept, so that percentiles are exact.
 #[derive(Debug, Clone, Default, PartialEq, Eq)]

@@ -7,10 +7,9 @@ use std::{
     path::Path,
 };
 
-use crate::{
-    experiment::lateness::Lateness,
-    record::{control_log::ControlRow, plant_log::PlantRow},
-};
+use record::{control_log::ControlRow, layout, plant_log::PlantRow};
+
+use crate::experiment::lateness::Lateness;
 
 /// How much is gathered before the disk is asked: some seven seconds of rows.
 const CHUNK_BYTES: usize = 128 * 1024;
@@ -121,7 +120,7 @@ impl RowCounts {
 
 impl ControlFile {
     /// The name of the file.
-    pub const NAME: &'static str = "control.csv";
+    pub const NAME: &'static str = layout::CONTROL_LOG;
 
     /// Creates the file with its first line. It must not exist.
     ///
@@ -169,7 +168,7 @@ pub struct PlantFile {
 
 impl PlantFile {
     /// The name of the file.
-    pub const NAME: &'static str = "plant.csv";
+    pub const NAME: &'static str = layout::PLANT_LOG;
 
     /// Creates the file with its first line, for a window that begins with step `first`. It must not exist.
     ///

@@ -6,6 +6,12 @@ use std::{
     thread::{self, JoinHandle},
 };
 
+use record::{
+    control_log::ControlRow,
+    plant_log::PlantRow,
+    platform::RealtimeGrant,
+    settings::{RealtimeSettings, Settings, Waiting},
+};
 use rtrb::{Consumer, RingBuffer};
 
 use super::{
@@ -15,13 +21,7 @@ use super::{
     schedule::{Pace, Schedule},
 };
 use crate::{
-    controller::Controller,
-    plant::Plant,
-    realtime::enter_realtime,
-    record::{control_log::ControlRow, plant_log::PlantRow, platform::RealtimeGrant},
-    reference::Reference,
-    ros::Publisher,
-    settings::{RealtimeSettings, Settings, Waiting},
+    controller::Controller, plant::Plant, realtime::enter_realtime, reference::Reference, ros::Publisher,
 };
 
 /// How many seconds of rows the queues hold: a disk may hang that long.

@@ -9,21 +9,16 @@ use std::sync::{
     atomic::{AtomicBool, AtomicU64, Ordering},
 };
 
+use record::{control_log::ControlRow, plant_log::PlantRow, settings::Messages};
 use rtrb::Producer;
 
 use super::{
+    latest_value::{CommandReader, CommandWriter, StateReader, StateWriter},
     message::{CommandEncoder, CommandMessage, StateEncoder, StateMessage},
     schedule::{Pace, Schedule},
-    slot::{CommandReader, CommandWriter, StateReader, StateWriter},
 };
 use crate::{
-    controller::Controller,
-    plant::Plant,
-    realtime::monotonic_ns,
-    record::{control_log::ControlRow, plant_log::PlantRow},
-    reference::Reference,
-    ros::Publisher,
-    settings::Messages,
+    controller::Controller, plant::Plant, realtime::monotonic_ns, reference::Reference, ros::Publisher,
 };
 
 /// What both loops share with the rest of the process.
@@ -178,7 +173,7 @@ impl ControllerLoop {
                 state_seq: state.seq,
                 state_stamp_ns: state.stamp_ns,
                 state_received_ns: received_ns,
-                ..ControlRow::of_axes(reference_m, action.used, action.computed_v)
+                ..action.row(reference_m)
             };
             if self.rows.push(row).is_err() {
                 shared.log_dropped.fetch_add(1, Ordering::Relaxed);

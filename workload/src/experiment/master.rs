@@ -2,12 +2,10 @@
 
 use std::net::TcpListener;
 
+use record::{settings::RosMaster, virtual_host::VirtualHost};
+
 use super::error::ExperimentError;
-use crate::{
-    ros::{Master, Notices, RosError, Rosmaster, rosmaster},
-    settings::RosMaster,
-    virtual_host::VirtualHost,
-};
+use crate::ros::{Master, Notices, RosError, Rosmaster, rosmaster};
 
 /// The ROS master's usual port.
 const PORT: u16 = 11311;

@@ -8,6 +8,8 @@ mod text;
 
 pub use text::stamp_in_text;
 
+use record::settings::Messages;
+
 use crate::{
     plant::AxisState,
     ros::{
@@ -15,7 +17,6 @@ use crate::{
         float64_multi_array::{self, Encoder, decode},
         string,
     },
-    settings::Messages,
 };
 
 /// A topic and what it carries.
@@ -27,26 +28,26 @@ pub struct Topic {
     pub message_type: MessageType,
 }
 
-impl Messages {
+impl Topic {
     /// The topic of the plant's state.
     #[must_use]
-    pub const fn state_topic(self) -> Topic {
-        self.topic("/plant_state", "/state")
+    pub const fn of_states(messages: Messages) -> Self {
+        Self::of(messages, "/plant_state", "/state")
     }
 
     /// The topic of the controller's command.
     #[must_use]
-    pub const fn command_topic(self) -> Topic {
-        self.topic("/control_action", "/command")
+    pub const fn of_commands(messages: Messages) -> Self {
+        Self::of(messages, "/control_action", "/command")
     }
 
-    const fn topic(self, of_text: &'static str, of_rows: &'static str) -> Topic {
-        match self {
-            Self::Text => Topic {
+    const fn of(messages: Messages, of_text: &'static str, of_rows: &'static str) -> Self {
+        match messages {
+            Messages::Text => Self {
                 name: of_text,
                 message_type: string::MESSAGE_TYPE,
             },
-            Self::Positions | Self::Rates => Topic {
+            Messages::Positions | Messages::Rates => Self {
                 name: of_rows,
                 message_type: float64_multi_array::MESSAGE_TYPE,
             },

@@ -1,13 +1,12 @@
 //! What the workload and a node that is a process of its own say to each other, as lines of JSON: [`Order`] on the node's
 //! standard input, [`Report`] on its standard output. When its input ends, the node closes its connections and ends.
 
+use record::{
+    control_log::ControlRow, plant_log::PlantRow, platform::RealtimeGrant, virtual_host::VirtualHost,
+};
 use serde::{Deserialize, Serialize};
 
 use super::schedule::Schedule;
-use crate::{
-    record::{control_log::ControlRow, plant_log::PlantRow, platform::RealtimeGrant},
-    virtual_host::VirtualHost,
-};
 
 /// Which program a process is.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]

@@ -2,7 +2,7 @@
 //! type is [`NodeProcess`]; what runs in the process is [`super::node_program`].
 //!
 //! Each has a thread of the workload that stays for as long as the process does, since the process ends with the thread that
-//! started it ([`companion`]), and that reads what it says.
+//! started it ([`child_process`]), and that reads what it says.
 
 use std::{
     io::{self, Read as _, Write as _},
@@ -21,6 +21,7 @@ use nix::{
     poll::{PollFd, PollFlags, PollTimeout, poll},
     unistd::Pid,
 };
+use record::{control_log::ControlRow, plant_log::PlantRow, platform::RealtimeGrant, settings::Settings};
 use rtrb::Producer;
 
 use super::{
@@ -30,10 +31,8 @@ use super::{
     schedule::Schedule,
 };
 use crate::{
-    companion,
-    record::{control_log::ControlRow, plant_log::PlantRow, platform::RealtimeGrant},
+    child_process,
     ros::{Notice, Notices},
-    settings::Settings,
 };
 
 /// How often its thread looks whether the process is to stop.
@@ -109,7 +108,7 @@ impl NodeProcess {
             let child = match child {
                 Ok((child, stdin)) => {
                     *attendant.orders.lock().unwrap_or_else(PoisonError::into_inner) = Some(stdin);
-                    let _ = started.send(Ok(companion::pid(&child)));
+                    let _ = started.send(Ok(child_process::pid(&child)));
                     child
                 }
                 Err(error) => return drop(started.send(Err(error))),
@@ -239,7 +238,7 @@ fn spawn(program: Program, settings: &str) -> io::Result<(Child, ChildStdin)> {
         .args(["node", program.name(), "--settings", settings])
         .stdin(Stdio::piped())
         .stdout(Stdio::piped());
-    let mut child = companion::spawn(&mut command)?;
+    let mut child = child_process::spawn(&mut command)?;
     let stdin = child.stdin.take().ok_or(io::ErrorKind::BrokenPipe)?;
     Ok((child, stdin))
 }

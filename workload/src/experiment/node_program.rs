@@ -13,6 +13,11 @@ use std::{
     time::{Duration, Instant},
 };
 
+use record::{
+    causes::with_causes,
+    platform::RealtimeGrant,
+    settings::{RosMaster, Settings},
+};
 use rtrb::Consumer;
 
 use super::{
@@ -25,11 +30,8 @@ use super::{
     schedule::Schedule,
 };
 use crate::{
-    causes::with_causes,
     realtime::lock_memory,
-    record::platform::RealtimeGrant,
     ros::{Notice, Notices},
-    settings::{RosMaster, Settings},
 };
 
 /// How often the queue of rows is emptied. It holds far more.

@@ -11,6 +11,13 @@ use std::{
 };
 
 use nix::unistd::Pid;
+use record::{
+    control_log::ControlRow,
+    plant_log::PlantRow,
+    platform::RealtimeGrant,
+    settings::{Processes, RosMaster, Settings},
+    virtual_host::VirtualHost,
+};
 use rtrb::{Consumer, RingBuffer};
 
 use super::{
@@ -19,18 +26,13 @@ use super::{
     loop_threads::{LoopThread, queue_capacity},
     loops::Shared,
     master::{self, RunningMaster},
+    namespace_thread::{begin_on_host, on_host, outcome_of},
     node_messages::Program,
     node_process::{Given, NodeProcess, Rows},
-    notice_board::NoticeBoard,
-    on_host::{begin_on_host, on_host, outcome_of},
+    notices::NoticeQueue,
     schedule::Schedule,
 };
-use crate::{
-    network::Network,
-    record::{control_log::ControlRow, plant_log::PlantRow, platform::RealtimeGrant},
-    settings::{Processes, RosMaster, Settings},
-    virtual_host::VirtualHost,
-};
+use crate::network::Network;
 
 /// Master and nodes, connected by their topics both ways.
 pub struct Nodes {
@@ -65,7 +67,7 @@ pub struct Setting<'a> {
     /// How.
     pub settings: &'a Settings,
     /// Where notices go.
-    pub board: &'a NoticeBoard,
+    pub board: &'a NoticeQueue,
     /// Set when the run is to end.
     pub stop: &'a Arc<AtomicBool>,
     /// Counts rows for which there was no room.

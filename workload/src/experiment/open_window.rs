@@ -2,25 +2,25 @@
 
 use std::io;
 
+use record::{
+    causes::with_causes,
+    control_log::ControlRow,
+    plant_log::PlantRow,
+    settings::{
+        LateTicks, ValiditySettings,
+        validity::{self, Expectation},
+    },
+    window::{CaptureRecord, LoopRecord, NoticesRecord, Verdict, WindowRecord},
+};
+
 use super::{
     error::ExperimentError,
     log_file::{ControlFile, PlantFile, RowCounts, Steps},
-    notice_board::News,
+    notices::News,
     snapshot::Snapshot,
-    validity::{self, Expectation},
     window_folder::WindowFolder,
 };
-use crate::{
-    capture::CapturedWindow,
-    causes::with_causes,
-    record::{
-        self,
-        control_log::ControlRow,
-        plant_log::PlantRow,
-        window::{CaptureRecord, LoopRecord, NoticesRecord, Verdict, WindowRecord},
-    },
-    settings::{LateTicks, ValiditySettings},
-};
+use crate::capture::CapturedWindow;
 
 /// What does not change from one window to the next.
 #[derive(Debug, Clone, PartialEq)]

@@ -9,13 +9,14 @@ use std::{
     thread::{self, JoinHandle},
 };
 
-use super::{error::ExperimentError, master, window_folder::write_whole};
-use crate::{
-    realtime::priority::step_back,
-    record::platform::{PlatformChange, PlatformRecord, RealtimeGrant, RosMasterRecord, SurveyRecord},
+use record::{
+    layout,
+    platform::{PlatformChange, PlatformRecord, RealtimeGrant, RosMasterRecord, SurveyRecord},
     settings::RosMaster,
-    survey,
 };
+
+use super::{error::ExperimentError, master, window_folder::write_whole};
+use crate::{realtime::priority::step_back, survey};
 
 /// Knows what the platform was when the run began.
 pub struct PlatformWatch {
@@ -31,7 +32,7 @@ impl PlatformWatch {
     /// # Errors
     /// If the thread cannot be started.
     pub fn start(data: &Path, master: RosMaster) -> Result<Self, ExperimentError> {
-        let path = data.join("environment.json");
+        let path = data.join(layout::ENVIRONMENT);
         let (grants, granted) = channel();
         let name = "platform";
         let to = path.clone();

@@ -15,12 +15,16 @@ use std::{
 };
 
 use nix::unistd::Pid;
+use record::{
+    causes::with_causes, control_log::ControlRow, plant_log::PlantRow, progress::Progress,
+    virtual_host::VirtualHost,
+};
 use rtrb::Consumer;
 
 use super::{
     error::ExperimentError,
     loops::Shared,
-    notice_board::NoticeBoard,
+    notices::NoticeQueue,
     open_window::{ClosedWindow, OpenWindow, WindowShape, WindowSpan},
     reporter::Reporter,
     snapshot::{Snapshot, unix_offset_ns},
@@ -28,11 +32,8 @@ use super::{
 };
 use crate::{
     capture::Capture,
-    causes::with_causes,
     network::Network,
     realtime::{monotonic_ns, priority::step_back, sleep_until, unix_ns},
-    record::{control_log::ControlRow, plant_log::PlantRow, progress::Progress},
-    virtual_host::VirtualHost,
 };
 
 const MILLISECOND_NS: i64 = 1_000_000;
@@ -68,7 +69,7 @@ pub struct Sources<'a> {
     /// The links.
     pub network: &'a dyn Network,
     /// What master and nodes have to say.
-    pub board: NoticeBoard,
+    pub board: NoticeQueue,
     /// What is shared with the loops.
     pub shared: Shared,
     /// The processes of the nodes, beside this one.

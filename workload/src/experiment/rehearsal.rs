@@ -11,29 +11,28 @@ use std::{
     time::Duration,
 };
 
-use super::{
-    AHEAD_NS,
-    connection::{Side, Tenancy},
-    doors::Doors,
-    emulator_priority,
-    error::ExperimentError,
-    loop_threads::LoopThread,
-    loops::Shared,
-    master, nanoseconds,
-    notice_board::NoticeBoard,
-    on_host::on_host,
-    reporter::Reporter,
-    schedule::Schedule,
-};
-use crate::{
-    capabilities::drop_unneeded,
-    network,
-    realtime::monotonic_ns,
-    record::progress::{Part, Progress},
-    ros::Notices,
+use record::{
+    progress::{Part, Progress},
     settings::Settings,
     virtual_host::VirtualHost,
 };
+
+use super::{
+    AHEAD_NS,
+    connection::{Side, Tenancy},
+    emulator_priority,
+    error::ExperimentError,
+    listeners::Listeners,
+    loop_threads::LoopThread,
+    loops::Shared,
+    master,
+    namespace_thread::on_host,
+    nanoseconds,
+    notices::NoticeQueue,
+    reporter::Reporter,
+    schedule::Schedule,
+};
+use crate::{capabilities::drop_unneeded, network, realtime::monotonic_ns, ros::Notices};
 
 /// How often it is looked whether it is to end, and what there is to say.
 const LOOK_EVERY: Duration = Duration::from_millis(100);
@@ -53,9 +52,9 @@ pub fn rehearse(
     let network = network.as_ref();
     // Nodes of others come at any time: there is no moment from which on all are connected.
     network.impair()?;
-    let _doors = Doors::open(network)?;
+    let _doors = Listeners::open(network)?;
     reporter.say(&Progress::NetworkUp);
-    let mut board = NoticeBoard::new();
+    let mut board = NoticeQueue::new();
     let notices = board.of(VirtualHost::H1);
     let program = settings.ros.master;
     let master = on_host(network, VirtualHost::H1, move || master::start(program, notices))?;

@@ -16,7 +16,9 @@ use std::{
     time::Duration,
 };
 
-use crate::{capabilities::drop_unneeded, record::progress::Progress};
+use record::progress::Progress;
+
+use crate::capabilities::drop_unneeded;
 
 /// Lines that may wait for a slow reader; later ones are dropped from standard output, never from the file.
 const MOST_WAITING: usize = 1024;

@@ -3,12 +3,10 @@
 
 use std::sync::atomic::{AtomicBool, Ordering};
 
+use record::settings::{LateTicks, Waiting};
 use serde::{Deserialize, Serialize};
 
-use crate::{
-    realtime::{monotonic_ns, sleep_until},
-    settings::{LateTicks, Waiting},
-};
+use crate::realtime::{monotonic_ns, sleep_until};
 
 /// A loop's deadlines, on the monotonic clock.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]

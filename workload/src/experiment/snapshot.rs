@@ -2,12 +2,12 @@
 //! [`Snapshot`].
 
 use nix::unistd::Pid;
+use record::window::{ConditionsRecord, LinkRecord, PassRecord, ReleaseRecord};
 
 use super::conditions::Counters;
 use crate::{
     network::{Network, release_lateness::ReleaseCounts},
     realtime::{monotonic_ns, unix_ns},
-    record::window::{ConditionsRecord, LinkRecord, PassRecord, ReleaseRecord},
 };
 
 /// Clocks and counters at one moment.

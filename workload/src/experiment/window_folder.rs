@@ -7,15 +7,14 @@ use std::{
     path::{Path, PathBuf},
 };
 
+use record::{
+    layout,
+    virtual_host::VirtualHost,
+    window::{FileRecord, WindowRecord},
+};
 use sha2::{Digest, Sha256};
 
 use super::error::ExperimentError;
-use crate::{
-    record::window::{FileRecord, WindowRecord},
-    virtual_host::VirtualHost,
-};
-
-const RECORD: &str = "window.json";
 
 /// A window's folder below the data folder.
 #[derive(Debug, Clone, PartialEq, Eq)]
@@ -27,7 +26,7 @@ impl WindowFolder {
     /// # Errors
     /// If it exists or cannot be made.
     pub fn create(data: &Path, window: u32) -> Result<Self, ExperimentError> {
-        let path = data.join(format!("window-{window}"));
+        let path = data.join(layout::window_folder(window));
         match fs::create_dir(&path) {
             Ok(()) => Ok(Self(path)),
             Err(error) if error.kind() == io::ErrorKind::AlreadyExists => {
@@ -85,7 +84,7 @@ impl WindowFolder {
     }
 
     fn write_record(&self, record: &WindowRecord) -> Result<(), ExperimentError> {
-        let path = self.0.join(RECORD);
+        let path = self.0.join(layout::WINDOW);
         write_whole(&path, record).map_err(|source| ExperimentError::Write { path, source })
     }
 }

@@ -24,9 +24,9 @@ use nix::{
     sys::socket::{AddressFamily, SockFlag, SockType, socket},
     unistd,
 };
+use record::virtual_host::VirtualHost;
 
-use super::{NetworkError, ipv6, namespace::errno};
-use crate::virtual_host::VirtualHost;
+use super::{error::NetworkError, ipv6, namespace::errno};
 
 /// The network mask of 10.0.0.0/8.
 const MASK: Ipv4Addr = Ipv4Addr::new(255, 0, 0, 0);

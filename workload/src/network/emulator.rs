@@ -23,18 +23,17 @@ use nix::{
         time::TimeSpec,
     },
 };
+use record::{virtual_host::VirtualHost, window::LinkRecord};
 
 use super::{
-    NetworkError,
     device::Tap,
+    error::NetworkError,
     link::Impairment,
     namespace::errno,
     release_lateness::{ReleaseCounts, ReleaseLateness},
     star::{Delivery, FRAME_BYTES, Star},
 };
-use crate::capabilities::drop_unneeded;
-use crate::realtime::priority::request_fifo;
-use crate::{record::window::LinkRecord, virtual_host::VirtualHost};
+use crate::{capabilities::drop_unneeded, realtime::priority::request_fifo};
 
 /// How many frames are read from one host before the others and what is due have their turn.
 const READ_BATCH: usize = 32;

@@ -22,19 +22,20 @@ use std::{
 };
 
 use nix::net::if_::if_nametoindex;
+use record::{
+    quantity::TimeSpan,
+    settings::{NetworkSettings, Offloads},
+    virtual_host::VirtualHost,
+    window::{LinkRecord, PassRecord},
+};
 
 use self::tools::Transcript;
 use super::{
-    Network, NetworkError, Work,
+    backend::Network,
     device::{self, Interface},
+    error::NetworkError,
     ipv6,
-    namespace::Namespace,
-};
-use crate::{
-    quantity::TimeSpan,
-    record::window::{LinkRecord, PassRecord},
-    settings::{NetworkSettings, Offloads},
-    virtual_host::VirtualHost,
+    namespace::{Namespace, Work},
 };
 
 /// The bridge, named as Mininet names its first switch.
@@ -280,8 +281,9 @@ fn silence_ipv6(namespace: &Namespace, interface: &str) -> Result<(), NetworkErr
 
 #[cfg(test)]
 mod tests {
+    use record::quantity::{BitRate, Fraction};
+
     use super::*;
-    use crate::quantity::{BitRate, Fraction};
 
     #[test]
     fn the_papers_link_is_made_by_mininets_commands() {

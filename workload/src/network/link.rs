@@ -24,8 +24,7 @@
 use std::{cmp::Reverse, collections::BinaryHeap};
 
 use oorandom::Rand64;
-
-use crate::settings::NetworkSettings;
+use record::settings::NetworkSettings;
 
 /// The depth of HTB's bucket that decides: `tc`'s default for `cburst`, its assumed MTU.
 const BURST_BYTES: u64 = 1600;

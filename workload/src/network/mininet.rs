@@ -17,7 +17,7 @@
 //! Nothing is left behind: the program takes the network down when this process has ended, however it did; what is left
 //! of it when both were killed is found by [`leftovers`].
 
-mod error;
+pub mod error;
 pub mod leftovers;
 mod owner;
 mod script;
@@ -28,15 +28,17 @@ use std::{
     time::Duration,
 };
 
+use record::{settings::NetworkSettings, virtual_host::VirtualHost, window::LinkRecord};
+
 pub use self::error::MininetError;
 use self::script::{Datapath, Done, Impair, Request, Script, Transcript, Up};
 use super::{
-    Network, NetworkError, Work,
+    backend::Network,
+    error::NetworkError,
     kernel::{counts, tools},
-    namespace::Namespace,
-    random_seed,
+    namespace::{Namespace, Work},
+    seed::random_seed,
 };
-use crate::{record::window::LinkRecord, settings::NetworkSettings, virtual_host::VirtualHost};
 
 /// What the names of our bridges begin with. Eight digits and `-eth3` make them 15 bytes, the most that a name has.
 const PREFIX: &str = "mx";

@@ -17,7 +17,7 @@ use nix::{
     unistd::{Pid, getgid, gettid, getuid},
 };
 
-use super::NetworkError;
+use super::error::NetworkError;
 use crate::capabilities::drop_unneeded;
 
 /// CAP_SYS_ADMIN's place in a capability set (`linux/capability.h`).

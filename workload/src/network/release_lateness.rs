@@ -7,7 +7,7 @@
 
 use std::sync::atomic::{AtomicU64, Ordering};
 
-use crate::record::window::ReleaseRecord;
+use record::window::ReleaseRecord;
 
 /// Buckets of one power of two, as a power of two.
 const FINENESS_BITS: u32 = 6;

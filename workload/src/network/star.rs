@@ -7,15 +7,15 @@
 use std::sync::Arc;
 
 use oorandom::Rand64;
+use record::{
+    virtual_host::VirtualHost,
+    window::{LinkRecord, PassRecord},
+};
 
 use super::{
     link::{Impairment, LinkEnd, Refused, Released},
     release_lateness::ReleaseLateness,
     switch::{Forward, Switch},
-};
-use crate::{
-    record::window::{LinkRecord, PassRecord},
-    virtual_host::VirtualHost,
 };
 
 /// How many frames the pool has to begin with; it grows to what waits at once and stays there.

@@ -3,16 +3,18 @@
 
 use std::io;
 
+use record::{settings::NetworkSettings, virtual_host::VirtualHost, window::LinkRecord};
+
 use super::{
-    Network, NetworkError, Work,
+    backend::Network,
     device::{self, Interface, Tap},
     emulator::Emulator,
+    error::NetworkError,
     link::Impairment,
-    namespace::Namespace,
+    namespace::{Namespace, Work},
     release_lateness::ReleaseCounts,
     star::Star,
 };
-use crate::{record::window::LinkRecord, settings::NetworkSettings, virtual_host::VirtualHost};
 
 /// A network that is up until it is dropped.
 #[derive(Debug)]

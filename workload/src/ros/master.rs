@@ -18,7 +18,7 @@ use self::{
     callbacks::Callbacks,
     handler::{Handler, Tables},
 };
-use super::{Notices, RosError, crew::Crew, xml_rpc::serve};
+use super::{Notices, RosError, thread_group::ThreadGroup, xml_rpc::serve};
 
 /// For its threads to end.
 const END_PATIENCE: Duration = Duration::from_secs(2);
@@ -27,7 +27,7 @@ const END_PATIENCE: Duration = Duration::from_secs(2);
 #[derive(Debug)]
 pub struct Master {
     address: SocketAddr,
-    crew: Crew,
+    crew: ThreadGroup,
     callbacks: Callbacks,
 }
 
@@ -40,7 +40,7 @@ impl Master {
     pub fn start(listener: TcpListener, notices: Notices) -> Result<Self, RosError> {
         let failed = |error| RosError::system("start the ROS master", error);
         let address = listener.local_addr().map_err(failed)?;
-        let crew = Crew::new().map_err(failed)?;
+        let crew = ThreadGroup::new().map_err(failed)?;
         let callbacks = Callbacks::new(crew.clone(), notices.clone());
         let handler = Handler {
             uri: format!("http://{address}/"),

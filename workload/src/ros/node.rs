@@ -1,10 +1,10 @@
 //! A ROS node: its slave API, its publishers and its subscriptions. The main type is [`Node`].
 
+mod handshake;
 mod membership;
 mod registration;
 mod slave;
 mod watch;
-mod welcome;
 
 use std::{
     fmt,
@@ -17,18 +17,15 @@ use self::{membership::Membership, slave::Slave};
 use super::{
     MessageType, Notices, Publisher, RosError, Subscription,
     connections::Connections,
-    crew::Crew,
     name,
     publisher::Publication,
     subscription::Intake,
+    thread_group::{ThreadGroup, ThreadSetup},
     xml_rpc::{Client, serve},
 };
 
 /// For a node's threads to end, beside what unregistering takes.
 const END_PATIENCE: Duration = Duration::from_secs(2);
-
-/// Called at the start of each thread that receives messages, in that thread: to raise its priority, say.
-pub type ThreadSetup = Arc<dyn Fn() + Send + Sync>;
 
 /// What a node is to be.
 #[derive(Clone)]
@@ -109,7 +106,7 @@ impl Node {
             return Err(RosError::BadName { name: config.name });
         }
         let failed = |error| RosError::system(format!("start {} on {}", config.name, config.address), error);
-        let crew = Crew::new().map_err(failed)?;
+        let crew = ThreadGroup::new().map_err(failed)?;
         let master = Client::new(&config.master_uri, crew.stop().clone())?;
         let slave_listener = TcpListener::bind((config.address, 0)).map_err(failed)?;
         let topic_listener = TcpListener::bind((config.address, 0)).map_err(failed)?;
@@ -131,7 +128,7 @@ impl Node {
         });
         let api = Arc::new(Slave(Arc::clone(&membership)));
         serve(slave_listener, &crew, &config.notices, api).map_err(failed)?;
-        welcome::serve(topic_listener, &membership).map_err(failed)?;
+        handshake::serve(topic_listener, &membership).map_err(failed)?;
         watch::begin(&membership)?;
         Ok(Self {
             membership,
@@ -140,7 +137,7 @@ impl Node {
     }
 
     /// A publisher of a topic. Returns at once; registration goes on on a thread of its own, and how it went is told by
-    /// [`Publisher::wait_for_subscribers`].
+    /// `wait_for` of [`Publisher::subscribers`].
     ///
     /// # Errors
     /// [`RosError`] for a name that is none, a topic that this node publishes already, or a thread that cannot be had.

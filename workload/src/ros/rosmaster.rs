@@ -1,8 +1,8 @@
 //! Debian's rosmaster as a process of its own, for those who want the real one. The main type is [`Rosmaster`].
 //!
 //! It runs in the network namespace of the thread that starts it, is ready when it answers XML-RPC, is started again when
-//! it dies, and ends with its handle. It also ends when this process is killed ([`companion`]), which is why the thread
-//! that made it stays.
+//! it dies, and ends with its handle. It also ends when this process is killed ([`child_process`]), which is why the
+//! thread that made it stays.
 //!
 //! It keeps no log: that would be files on the disk of the machine that is being measured.
 //!
@@ -29,11 +29,11 @@ use nix::{
 
 use super::{
     Notice, Notices, RosError,
-    crew::Crew,
     stop::{Stop, WaitError},
+    thread_group::ThreadGroup,
     xml_rpc::Client,
 };
-use crate::companion;
+use crate::child_process;
 
 /// Its program, as Debian and ROS's own packages name it.
 const PROGRAM: &str = "rosmaster";
@@ -58,7 +58,7 @@ const MOST_WORDS: usize = 4096;
 #[derive(Debug)]
 pub struct Rosmaster {
     uri: String,
-    crew: Crew,
+    crew: ThreadGroup,
 }
 
 impl Rosmaster {
@@ -69,7 +69,7 @@ impl Rosmaster {
     pub fn start(address: Ipv4Addr, port: u16, notices: Notices) -> Result<Self, RosError> {
         let program = find()?;
         let failed = |error| RosError::system("start rosmaster", error);
-        let crew = Crew::new().map_err(failed)?;
+        let crew = ThreadGroup::new().map_err(failed)?;
         let uri = format!("http://{address}:{port}/");
         let keeper = Keeper {
             program,
@@ -240,7 +240,7 @@ impl Process {
             .stdin(Stdio::null())
             .stdout(said.try_clone()?)
             .stderr(said);
-        let child = companion::spawn(&mut command)?;
+        let child = child_process::spawn(&mut command)?;
         // With it this process's copies of the pipe's other end are closed.
         drop(command);
         Ok(Self { child, words })
@@ -270,7 +270,7 @@ impl Process {
         };
         if !ended {
             // Nothing of it is worth an orderly end: it has no files and its nodes end, too.
-            let _ = kill(companion::pid(&self.child), Signal::SIGKILL);
+            let _ = kill(child_process::pid(&self.child), Signal::SIGKILL);
         }
         let status = self.child.wait();
         ended.then(|| {
@@ -321,7 +321,7 @@ mod tests {
     fn it_has_ended_when_it_was_told_to() {
         let stop = Stop::new().unwrap();
         let process = shell("exec sleep 1000");
-        let pid = companion::pid(&process.child);
+        let pid = child_process::pid(&process.child);
         stop.raise();
         assert_eq!(process.attend(&stop), None);
         assert_eq!(kill(pid, None), Err(nix::errno::Errno::ESRCH));

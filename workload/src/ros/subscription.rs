@@ -12,7 +12,11 @@ use std::{
 };
 
 use self::{inlet::Inlet, registration::Registration};
-use super::{MessageType, Notice, Notices, RosError, ThreadSetup, connections::Connections, crew::Crew};
+use super::{
+    MessageType, Notice, Notices, RosError,
+    connections::Connections,
+    thread_group::{ThreadGroup, ThreadSetup},
+};
 
 /// Publishers of one topic that are connected to; the experiment has one.
 const MOST_PUBLISHERS: usize = 32;
@@ -62,7 +66,7 @@ pub(super) struct Intake {
     pub node: String,
     pub tcp_nodelay: bool,
     pub connections: Arc<Connections>,
-    pub crew: Crew,
+    pub crew: ThreadGroup,
     pub notices: Notices,
     pub receiver_setup: Option<ThreadSetup>,
     /// Behind a lock for the case of several publishers.

@@ -163,7 +163,7 @@ fn a_broken_connection_is_made_again_while_the_publisher_is_registered() {
     let topic = TcpListener::bind((HOST, 0)).unwrap();
     let topic_port = topic.local_addr().unwrap().port();
     let slave_uri = format!("http://{}/", slave.local_addr().unwrap());
-    let crew = super::crew::Crew::new().unwrap();
+    let crew = super::thread_group::ThreadGroup::new().unwrap();
     super::xml_rpc::serve(
         slave,
         &crew,

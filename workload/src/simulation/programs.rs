@@ -3,14 +3,17 @@
 
 use std::collections::VecDeque;
 
+use record::{
+    control_log::ControlRow,
+    settings::{Messages, PlantSends},
+};
+
 use super::ticks::Ticks;
 use crate::{
     controller::Controller,
     experiment::message::{CommandEncoder, CommandMessage, StateEncoder, StateMessage},
     plant::Plant,
-    record::control_log::ControlRow,
     reference::Reference,
-    settings::{Messages, PlantSends},
     virtual_time::{
         exchange::Delivery,
         programs::{Program, Publication},
@@ -135,7 +138,7 @@ impl Program<Message> for ControllerProgram {
             state_seq: state.seq,
             state_stamp_ns: state.stamp_ns,
             state_received_ns: received_ns,
-            ..ControlRow::of_axes(reference_m, action.used, action.computed_v)
+            ..action.row(reference_m)
         });
     }
 

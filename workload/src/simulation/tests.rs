@@ -1,9 +1,9 @@
 //! The closed loop against an independent simulation, and against what its order of things gives by hand.
 
+use record::{quantity::TimeSpan, settings::Dynamics};
 use rstest::rstest;
 
 use super::*;
-use crate::{quantity::TimeSpan, settings::Dynamics};
 
 fn settings(phase_ms: u64) -> Settings {
     let mut settings = Settings::of(Dynamics::Robust);
@@ -202,7 +202,7 @@ fn a_lost_message_keeps_the_author_s_loop_without_a_new_state_for_a_quarter_of_a
     assert!((13..60).contains(&stale.max().unwrap()));
     let lossless = {
         let mut settings = settings.clone();
-        settings.network.loss = crate::quantity::Fraction::from_percent(0.0);
+        settings.network.loss = record::quantity::Fraction::from_percent(0.0);
         settings
     };
     let rows: Vec<ControlRow> = Simulation::new(&lossless, &Platform::ideal(&lossless), 1)

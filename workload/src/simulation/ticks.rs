@@ -3,11 +3,9 @@
 use std::time::Duration;
 
 use oorandom::Rand64;
+use record::settings::LateTicks;
 
-use crate::{
-    experiment::schedule::{Schedule, Tick},
-    settings::LateTicks,
-};
+use crate::experiment::schedule::{Schedule, Tick};
 
 /// What a platform does to a loop: some ticks begin late.
 #[derive(Debug, Clone, Copy, Default, PartialEq)]

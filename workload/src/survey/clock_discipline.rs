@@ -7,7 +7,7 @@
 
 use std::mem::MaybeUninit;
 
-use crate::record::platform::ClockRecord;
+use record::platform::ClockRecord;
 
 /// The state of the clock's discipline; none where it may not be asked for.
 pub fn read() -> Option<ClockRecord> {

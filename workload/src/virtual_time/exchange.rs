@@ -3,6 +3,7 @@
 use std::{collections::VecDeque, time::Duration};
 
 use oorandom::Rand64;
+use record::settings::NetworkSettings;
 
 use super::{
     jiffies::{DEBIAN_HZ, Jiffies},
@@ -12,7 +13,7 @@ use super::{
         segment::{Ack, Data},
     },
 };
-use crate::{network::link::Impairment, settings::NetworkSettings};
+use crate::network::link::Impairment;
 
 /// The wheel's third level has ticks of 64 jiffies: clocks that differ by less than so many are different.
 const CLOCK_PHASES: u64 = 64 * 1_000_000_000 / DEBIAN_HZ as u64;

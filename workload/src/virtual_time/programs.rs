@@ -68,10 +68,11 @@ pub fn run<M>(
 
 #[cfg(test)]
 mod tests {
+    use record::settings::NetworkSettings;
     use rstest::rstest;
 
     use super::*;
-    use crate::{network::link::Impairment, settings::NetworkSettings, virtual_time::exchange::Conditions};
+    use crate::{network::link::Impairment, virtual_time::exchange::Conditions};
 
     const MS: i64 = 1_000_000;
     const STEP_NS: i64 = 20 * MS;

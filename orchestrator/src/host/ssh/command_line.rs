@@ -5,7 +5,7 @@
 
 use std::{ffi::OsStr, os::unix::ffi::OsStrExt as _};
 
-use crate::host::Program;
+use crate::{escaping::push_quoted, host::Program};
 
 /// Why a program cannot be started over SSH.
 #[derive(Debug, thiserror::Error)]
@@ -30,9 +30,9 @@ pub fn of_program(program: &Program) -> Result<String, CommandLineError> {
     }
     let mut line =
         r#"cd / && exec env -i PATH="$PATH:/usr/local/bin:/opt/homebrew/bin" HOME="$HOME""#.to_owned();
-    push(&mut line, file);
+    push_quoted(&mut line, file);
     for argument in &program.arguments {
-        push(&mut line, text(argument)?);
+        push_quoted(&mut line, text(argument)?);
     }
     Ok(line)
 }
@@ -41,10 +41,10 @@ pub fn of_program(program: &Program) -> Result<String, CommandLineError> {
 #[must_use]
 pub fn of_script(script: &str, arguments: &[&str]) -> String {
     let mut line = "exec sh -c".to_owned();
-    push(&mut line, script);
+    push_quoted(&mut line, script);
     line.push_str(" sh");
     for argument in arguments {
-        push(&mut line, argument);
+        push_quoted(&mut line, argument);
     }
     line
 }
@@ -52,24 +52,6 @@ pub fn of_script(script: &str, arguments: &[&str]) -> String {
 fn text(word: &OsStr) -> Result<&str, CommandLineError> {
     std::str::from_utf8(word.as_bytes())
         .map_err(|_| CommandLineError::NotText(word.to_string_lossy().into_owned()))
-}
-
-/// Words as a POSIX shell reads them again. What is not UTF-8 is replaced: people read it, or the same library's rule
-/// holds.
-#[must_use]
-pub fn quoted(words: impl IntoIterator<Item = impl AsRef<OsStr>>) -> String {
-    let mut line = String::new();
-    for word in words {
-        push(&mut line, &word.as_ref().to_string_lossy());
-    }
-    line.trim_start().to_owned()
-}
-
-/// Within single quotes nothing means anything but the quote that ends them.
-fn push(line: &mut String, word: &str) {
-    line.push_str(" '");
-    line.push_str(&word.replace('\'', r"'\''"));
-    line.push('\'');
 }
 
 #[cfg(test)]

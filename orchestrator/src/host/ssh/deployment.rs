@@ -1,4 +1,4 @@
-//! Putting the workload on a host, or what stands in for its keeper where no workload runs. The main function is
+//! Putting the workload on a host, or what stands in for its agent where no workload runs. The main function is
 //! [`deploy`].
 //!
 //! It goes where a `matrix` on the host would put it (`StateDirectory`), under a name with its hash: what is there is
@@ -12,8 +12,8 @@ use std::{
 
 use super::{SshHost, command_line::of_script};
 use crate::{
+    failure::Cause,
     host::{Deployed, HostError, output::answer},
-    provider::Cause,
     workload_binary::{
         self,
         machine::{Machine, NoWorkload, UnknownMachine},

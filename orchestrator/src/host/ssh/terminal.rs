@@ -3,8 +3,8 @@
 
 use std::{ffi::OsString, path::Path, process::Command};
 
-use super::command_line::quoted;
 use crate::{
+    escaping::quoted,
     host::Program,
     matrix_file::{Ssh, SshAddress},
 };

@@ -5,10 +5,9 @@
 
 use std::time::{Duration, Instant, SystemTime};
 
-use reports::run_directory::ClockDrift;
-use workload::record::detached;
+use record::{detached, run_directory::ClockDrift};
 
-use super::Keeper;
+use super::AgentClient;
 use crate::provider::ProviderError;
 
 /// What a machine's clock said once.
@@ -29,11 +28,11 @@ impl ClockReading {
     ///
     /// # Errors
     /// When it cannot be asked.
-    pub async fn of(keeper: &Keeper) -> Result<(Self, detached::Host), ProviderError> {
+    pub async fn of(agent: &AgentClient) -> Result<(Self, detached::Host), ProviderError> {
         // What is to be timed is the question and not the way to it.
-        keeper.deployed().await?;
+        agent.deployed().await?;
         let (asked, here) = (Instant::now(), SystemTime::now());
-        let said = keeper.platform().await?;
+        let said = agent.platform().await?;
         let half = asked.elapsed() / 2;
         let here_ns = (here + half)
             .duration_since(SystemTime::UNIX_EPOCH)

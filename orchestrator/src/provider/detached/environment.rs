@@ -1,29 +1,28 @@
-//! A live environment that a keeper keeps. The main type is [`DetachedEnvironment`].
+//! A live environment that a agent keeps. The main type is [`DetachedEnvironment`].
 
 use std::{io, path::Path, sync::Arc};
 
 use async_trait::async_trait;
-use reports::run_directory::ClockDrift;
+use record::{detached, progress::Progress, run_directory::ClockDrift};
 use serde_json::{Map, Value, json};
 use tokio::{io::AsyncReadExt as _, net::UnixStream, task::JoinHandle, time::Instant};
-use workload::record::{detached, progress::Progress};
 
-use super::{ClockReading, Keeper, transfer};
+use super::{AgentClient, ClockReading, transfer};
 use crate::{
     host::{Exit, HostError},
     provider::{
         Ended, Environment, EnvironmentRequest, ProviderError,
+        backoff::{Backoff, retried},
         data_folder::Allowance,
         lines::Lines,
-        patience::{Patience, patiently},
     },
 };
 
 const FOLLOWING: &str = "following the workload's lines";
 
-/// An environment of a keeper, by its name.
+/// An environment of a agent, by its name.
 pub struct DetachedEnvironment {
-    keeper: Arc<Keeper>,
+    agent: Arc<AgentClient>,
     environment: String,
     allowance: Allowance,
     facts: Map<String, Value>,
@@ -37,7 +36,7 @@ pub struct DetachedEnvironment {
     received: u64,
     /// Whether these are all there will ever be.
     complete: bool,
-    patience: Patience,
+    backoff: Backoff,
     last_line: Option<Progress>,
 }
 
@@ -53,14 +52,14 @@ impl DetachedEnvironment {
     /// That of this request; with what explains it, its machine's clock, and whether its workload runs.
     #[must_use]
     pub fn new(
-        keeper: Arc<Keeper>,
+        agent: Arc<AgentClient>,
         request: &EnvironmentRequest,
         facts: Map<String, Value>,
         clock: ClockReading,
         running: bool,
     ) -> Self {
         Self {
-            keeper,
+            agent,
             environment: request.environment.clone(),
             allowance: Allowance::of(request),
             facts,
@@ -70,7 +69,7 @@ impl DetachedEnvironment {
             lines: Lines::default(),
             received: 0,
             complete: false,
-            patience: Patience::default(),
+            backoff: Backoff::default(),
             last_line: None,
         }
     }
@@ -78,11 +77,11 @@ impl DetachedEnvironment {
     /// Takes in more of the lines, or notices that there are no more. Cancel-safe: what has come is kept, and a connection
     /// that was being made is made again.
     async fn take_in(&mut self) -> Result<(), ProviderError> {
-        self.patience.pause().await;
+        self.backoff.pause().await;
         let following = match &mut self.following {
             Some(following) => following,
             none => {
-                let running = self.keeper.follow(&self.environment, self.received).await?;
+                let running = self.agent.follow(&self.environment, self.received).await?;
                 none.insert(Following {
                     stream: running.stream,
                     end: tokio::spawn(running.end.wait()),
@@ -93,7 +92,7 @@ impl DetachedEnvironment {
         let mut piece = [0_u8; 8192];
         // However the stream ends, the program's end says what that means.
         let read = following.stream.read(&mut piece).await.unwrap_or(0);
-        self.patience.restore(Instant::now(), following.since);
+        self.backoff.restore(Instant::now(), following.since);
         if read > 0 {
             self.received += read as u64;
             self.lines.push(piece.get(..read).unwrap_or_default());
@@ -102,12 +101,12 @@ impl DetachedEnvironment {
         let end = (&mut following.end).await;
         self.following = None;
         let exit = end.map_err(|error| ProviderError::Disconnected {
-            platform: format!("host `{}`", self.keeper.host()),
+            platform: format!("host `{}`", self.agent.host()),
             action: FOLLOWING.to_owned(),
             source: io::Error::other(error).into(),
         })??;
         if !exit.success() {
-            return Err(self.keeper.refusal(FOLLOWING, &exit));
+            return Err(self.agent.refusal(FOLLOWING, &exit));
         }
         self.complete = true;
         Ok(())
@@ -134,22 +133,22 @@ impl Environment for DetachedEnvironment {
                 return Ok(None);
             }
             if let Err(error) = self.take_in().await {
-                self.patience.bear(error)?;
+                self.backoff.after(error)?;
             }
         }
     }
 
     async fn stop(&mut self) -> Result<(), ProviderError> {
-        patiently(|| self.keeper.stop(&self.environment)).await.map(drop)
+        retried(|| self.agent.stop(&self.environment)).await.map(drop)
     }
 
     async fn ended(&mut self) -> Result<Ended, ProviderError> {
         while self.next_progress().await?.is_some() {}
-        let ending = patiently(|| self.keeper.ending(&self.environment)).await?;
+        let ending = retried(|| self.agent.ending(&self.environment)).await?;
         // Its lines ended before it did: whatever cut them says nothing of the workload.
         if ending.running {
             return Err(ProviderError::Disconnected {
-                platform: format!("host `{}`", self.keeper.host()),
+                platform: format!("host `{}`", self.agent.host()),
                 action: FOLLOWING.to_owned(),
                 source: io::Error::other("the lines ended and the workload did not").into(),
             });
@@ -160,7 +159,7 @@ impl Environment for DetachedEnvironment {
             None => Ended::by_last_line(self.last_line.as_ref()),
         };
         // Windows do not go lost for a fact.
-        if let Ok((after, _)) = ClockReading::of(&self.keeper).await {
+        if let Ok((after, _)) = ClockReading::of(&self.agent).await {
             self.facts
                 .insert(ClockDrift::FACT.to_owned(), json!(self.clock.drift_until(&after)));
         }
@@ -168,12 +167,10 @@ impl Environment for DetachedEnvironment {
     }
 
     async fn collect(&mut self, into: &Path) -> Result<(), ProviderError> {
-        transfer::collect(&self.keeper, &self.environment, into, &self.allowance).await
+        transfer::collect(&self.agent, &self.environment, into, &self.allowance).await
     }
 
     async fn discard(self: Box<Self>) -> Result<(), ProviderError> {
-        patiently(|| self.keeper.remove(&self.environment))
-            .await
-            .map(drop)
+        retried(|| self.agent.remove(&self.environment)).await.map(drop)
     }
 }

@@ -9,17 +9,15 @@ use std::{
     path::Path,
 };
 
+use record::detached::{AlreadyThere, is_sent_whole};
 use tokio::io::AsyncWriteExt as _;
-use workload::{
-    detached::{Receiver, receive},
-    record::detached::{AlreadyThere, is_sent_whole},
-};
+use workload::detached::{Receiver, receive};
 
-use super::{Keeper, json};
+use super::{AgentClient, json};
 use crate::provider::{
     ProviderError,
+    backoff::Backoff,
     data_folder::{self, Allowance, Arriving as ArrivingFile, DataFile},
-    patience::Patience,
 };
 
 const ACTION: &str = "collecting the data";
@@ -30,37 +28,37 @@ const ACTION: &str = "collecting the data";
 /// When the host refuses, a file cannot be written or is none of a workload's, or when the host stays away; what arrived
 /// stays.
 pub async fn collect(
-    keeper: &Keeper,
+    agent: &AgentClient,
     environment: &str,
     into: &Path,
     allowance: &Allowance,
 ) -> Result<(), ProviderError> {
-    let mut patience = Patience::default();
+    let mut backoff = Backoff::default();
     let mut before = 0;
     loop {
-        patience.pause().await;
+        backoff.pause().await;
         let there = already_there(into)?;
         let bytes: u64 = there.values().sum();
         if bytes > before {
             // What was cut had brought something: it is a bad way, not a lost one.
-            patience = Patience::default();
+            backoff = Backoff::default();
             before = bytes;
         }
-        match attempt(keeper, environment, into, there, allowance).await {
+        match attempt(agent, environment, into, there, allowance).await {
             Ok(()) => return Ok(()),
-            Err(error) => patience.bear(error)?,
+            Err(error) => backoff.after(error)?,
         }
     }
 }
 
 async fn attempt(
-    keeper: &Keeper,
+    agent: &AgentClient,
     environment: &str,
     into: &Path,
     there: AlreadyThere,
     allowance: &Allowance,
 ) -> Result<(), ProviderError> {
-    let mut running = keeper.collect(environment).await?;
+    let mut running = agent.collect(environment).await?;
     let end = tokio::spawn(running.end.wait());
     // That it does not listen is told by its end.
     if running.stream.write_all(&json(&there)).await.is_ok() {
@@ -89,7 +87,7 @@ async fn attempt(
         // We hung up: that it could not go on then is no news.
         (Err(ours), _) if !ended => Err(ours),
         (_, Err(lost)) => Err(lost.into()),
-        (_, Ok(exit)) if !exit.success() => Err(keeper.refusal(ACTION, &exit)),
+        (_, Ok(exit)) if !exit.success() => Err(agent.refusal(ACTION, &exit)),
         (unpacked, Ok(_)) => unpacked,
     }
 }
@@ -205,8 +203,9 @@ mod tests {
 
     use lz4_flex::frame::FrameEncoder;
     use proptest::prelude::*;
+    use record::{quantity::TimeSpan, settings::Settings};
     use tar::EntryType;
-    use workload::{detached::send, quantity::TimeSpan, settings::Settings};
+    use workload::detached::send;
 
     use super::*;
     use crate::provider::EnvironmentRequest;

@@ -9,12 +9,12 @@ use std::{
 
 use bollard::{errors::Error, query_parameters::DownloadFromContainerOptionsBuilder};
 use futures_util::{TryStreamExt as _, future};
+use record::progress::Progress;
 use tokio_util::io::{StreamReader, SyncIoBridge};
-use workload::record::progress::Progress;
 
 use super::{
-    container::DATA,
     engine::{Engine, is_missing, translate},
+    folders::DATA,
 };
 use crate::{
     provider::{

@@ -15,12 +15,13 @@ use bollard::{
     },
 };
 use futures_util::TryStreamExt as _;
-use workload::{record::check::CheckRecord, settings::Need};
+use record::{check::CheckRecord, settings::Need};
 
 use super::{
     container,
     engine::{Engine, translate},
     environment::remove_container,
+    folders,
     follow::until_ended,
     image,
     settings::DockerSettings,
@@ -76,7 +77,7 @@ pub async fn check(
 async fn put_workload(engine: &Engine, name: &str) -> Result<(), ProviderError> {
     let workload = image::archive(ACTION, &[image::file_of(engine.workload()?)])?;
     let options = UploadToContainerOptionsBuilder::default()
-        .path(container::DATA)
+        .path(folders::DATA)
         .build();
     engine
         .api

@@ -7,16 +7,14 @@
 
 use std::{collections::HashMap, path::Path};
 
-use ::workload::{quantity::Bytes, settings::Need};
 use bollard::models::{
     ContainerCreateBody, DeviceMapping, HostConfig, HostConfigLogConfig, Mount, MountType, MountVolumeOptions,
 };
+use record::{quantity::Bytes, settings::Need};
 
-use super::{image::Image, labels::Labels, seccomp, settings::DockerSettings};
+use super::{folders::DATA, image::Image, labels::Labels, seccomp, settings::DockerSettings};
 use crate::provider::{EnvironmentRequest, trial};
 
-/// Where the volume is in the container.
-pub const DATA: &str = "/data";
 /// Where the Dockerfile puts the workload in our images.
 pub const WORKLOAD: &str = "/workload";
 
@@ -206,7 +204,7 @@ fn i64_of(number: u64) -> i64 {
 
 #[cfg(test)]
 mod tests {
-    use workload::{quantity::TimeSpan, settings::Settings};
+    use record::{quantity::TimeSpan, settings::Settings};
 
     use super::*;
     use crate::provider::docker::settings::SystemCalls;

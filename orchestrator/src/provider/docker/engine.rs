@@ -23,7 +23,7 @@ use crate::{
     host::{Forward, Host, Listener, Program, output},
     provider::{
         Availability, ProviderError,
-        patience::{self, Patience},
+        backoff::{self, Backoff},
     },
     workload_binary::{self, machine::Machine},
 };
@@ -244,12 +244,12 @@ impl Engine {
     ///
     /// # Errors
     /// What the last call ended with.
-    pub async fn patiently<T, F>(&self, call: impl Fn() -> F) -> Result<T, ProviderError>
+    pub async fn retried<T, F>(&self, call: impl Fn() -> F) -> Result<T, ProviderError>
     where
         F: Future<Output = Result<T, ProviderError>>,
     {
         let call = || async { call().await.map_err(|error| self.unless_too_long(error)) };
-        patience::patiently(call)
+        backoff::retried(call)
             .await
             .map_err(|error| self.explained(error))
     }
@@ -258,9 +258,9 @@ impl Engine {
     ///
     /// # Errors
     /// The same, when trying again does not help or was tried for long enough.
-    pub fn bear(&self, patience: &mut Patience, error: ProviderError) -> Result<(), ProviderError> {
+    pub fn after(&self, backoff: &mut Backoff, error: ProviderError) -> Result<(), ProviderError> {
         let error = self.unless_too_long(error);
-        patience.bear(error).map_err(|error| self.explained(error))
+        backoff.after(error).map_err(|error| self.explained(error))
     }
 
     /// What only looks like a lost connection is none.
@@ -575,7 +575,7 @@ mod tests {
     async fn an_engine_that_says_what_it_is_without_end_is_unreachable_and_that_is_why() {
         let hostile = Hostile::saying("HTTP/1.1 200 OK\r\n\r\n{\"Version\": \"", &[b'1'; 65536]);
         let error = Engine::at(&hostile.address()).await.unwrap_err();
-        let why = workload::causes::with_causes(&error);
+        let why = record::causes::with_causes(&error);
         assert!(why.contains("longer than 8 MiB"), "{why}");
     }
 
@@ -586,7 +586,7 @@ mod tests {
         let error = Engine::answering_within(patience, &hostile.address())
             .await
             .unwrap_err();
-        let why = workload::causes::with_causes(&error);
+        let why = record::causes::with_causes(&error);
         assert!(why.contains("did not answer within 200ms"), "{why}");
         assert!(error.hint().unwrap().contains("does not answer"), "{error:?}");
         assert_eq!(
@@ -609,7 +609,7 @@ mod tests {
         let frame = api.logs("x", Some(options)).next().await.unwrap();
         let error = translate("following the workload's lines", frame.unwrap_err());
         assert!(error.is_passing(), "as bollard tells it: {error:?}");
-        let error = engine.bear(&mut Patience::default(), error).unwrap_err();
+        let error = engine.after(&mut Backoff::default(), error).unwrap_err();
         assert!(error.to_string().contains("longer than 4 MiB"), "{error}");
     }
 

@@ -11,13 +11,13 @@ use bollard::{
     },
 };
 use futures_util::TryStreamExt as _;
+use record::progress::Progress;
 use serde_json::{Map, Value};
-use workload::record::progress::Progress;
 
 use super::{
     archive,
     engine::{Engine, if_there, is_missing, translate},
-    follow::{Follower, until_ended},
+    follow::{Follower, until_ended, until_removed},
 };
 use crate::provider::{Ended, Environment, EnvironmentRequest, ProviderError, data_folder::Allowance};
 
@@ -114,6 +114,14 @@ fn is_gone(error: &bollard::errors::Error) -> bool {
     )
 }
 
+/// Whether somebody is removing a container: the engine gives nothing out of it any more.
+pub fn is_being_removed(state: &ContainerState) -> bool {
+    matches!(
+        state.status,
+        Some(ContainerStateStatusEnum::REMOVING | ContainerStateStatusEnum::DEAD)
+    )
+}
+
 /// How a container's main process ended, as the engine saw it.
 fn judge(state: &ContainerState) -> Ended {
     if state.status == Some(ContainerStateStatusEnum::CREATED) {
@@ -185,7 +193,7 @@ impl Environment for DockerEnvironment {
                 Err(error) => Err(translate("asking the workload to end", error)),
             }
         };
-        self.engine.patiently(ask).await
+        self.engine.retried(ask).await
     }
 
     async fn ended(&mut self) -> Result<Ended, ProviderError> {
@@ -194,13 +202,13 @@ impl Environment for DockerEnvironment {
             return Ok(Ended::by_last_line(self.last.as_ref()));
         };
         let engine = &self.engine;
-        engine.patiently(|| until_ended(engine, &self.name)).await?;
-        let ended = judge(&engine.patiently(|| self.state()).await?);
+        engine.retried(|| until_ended(engine, &self.name)).await?;
+        let ended = judge(&engine.retried(|| self.state()).await?);
         let stopped = matches!(self.last, Some(Progress::Stopped { .. }));
         if stopped && !self.asked_to_end {
             return Ok(ended_by_another(lines.was_cut()));
         }
-        let words = engine.patiently(|| self.last_words()).await?;
+        let words = engine.retried(|| self.last_words()).await?;
         Ok(ended.with_last_words(&words))
     }
 
@@ -211,17 +219,26 @@ impl Environment for DockerEnvironment {
         };
         let engine = &self.engine;
         engine
-            .patiently(|| archive::collect(engine, container, into, &self.allowance))
-            .await
+            .retried(|| archive::collect(engine, container, into, &self.allowance))
+            .await?;
+        // An engine that is removing a container gives out a folder in which its volume is no longer.
+        if let Remains::Container { .. } = &self.remains
+            && is_being_removed(&engine.retried(|| self.state()).await?)
+        {
+            return Err(ProviderError::NotFound {
+                what: format!("the container {}", self.name),
+            });
+        }
+        Ok(())
     }
 
     async fn discard(self: Box<Self>) -> Result<(), ProviderError> {
         let engine = &self.engine;
         if let Remains::Volume { reader, .. } = &self.remains {
-            engine.patiently(|| remove_container(engine, reader)).await?;
+            engine.retried(|| remove_container(engine, reader)).await?;
         }
-        engine.patiently(|| remove_container(engine, &self.name)).await?;
-        engine.patiently(|| remove_volume(engine, &self.name)).await
+        engine.retried(|| remove_container(engine, &self.name)).await?;
+        engine.retried(|| remove_volume(engine, &self.name)).await
     }
 }
 
@@ -237,8 +254,10 @@ pub async fn remove_container(engine: &Engine, name: &str) -> Result<(), Provide
         .v(true)
         .build();
     match engine.api.remove_container(name, Some(options)).await {
-        Err(error) if !is_missing(&error) => return Err(translate(&action, error)),
-        _ => {}
+        // Somebody else removes it just now.
+        Err(error) if is_gone(&error) => until_removed(engine, name).await?,
+        Err(error) => return Err(translate(&action, error)),
+        Ok(()) => {}
     }
     gone(&action, engine.api.inspect_container(name, None).await)
 }

@@ -15,16 +15,18 @@ use bollard::{
     query_parameters::{LogsOptionsBuilder, WaitContainerOptionsBuilder},
 };
 use futures_util::{StreamExt as _, TryStreamExt as _};
+use record::progress::Progress;
 use tokio::{sync::mpsc, task::JoinHandle, time::Instant};
-use workload::record::progress::Progress;
 
-use super::engine::{Engine, translate};
-use crate::provider::{ProviderError, lines::Lines, patience::Patience};
+use super::engine::{Engine, is_missing, translate};
+use crate::provider::{ProviderError, backoff::Backoff, lines::Lines};
 
 /// Lines that wait to be taken; beyond that the engine waits, which keeps them in the container's log.
 const WAITING_LINES: usize = 64;
 /// Between the end of a container's log and the engine's knowing that it has ended.
 const PATIENCE: Duration = Duration::from_secs(10);
+/// An engine that removes a container takes a second or two.
+const REMOVED_WITHIN: Duration = Duration::from_secs(30);
 const ACTION: &str = "following the workload's lines";
 
 /// The lines of one container.
@@ -93,10 +95,10 @@ async fn tell(
 ) -> Result<(), ProviderError> {
     let mut taken = Taken::default();
     loop {
-        taken.patience.pause().await;
+        taken.backoff.pause().await;
         match taken.follow(engine, container, sender).await {
             Ok(()) => return Ok(()),
-            Err(error) => engine.bear(&mut taken.patience, error)?,
+            Err(error) => engine.after(&mut taken.backoff, error)?,
         }
         was_cut.store(true, Ordering::Relaxed);
     }
@@ -107,7 +109,7 @@ async fn tell(
 struct Taken {
     lines: Lines,
     bytes: usize,
-    patience: Patience,
+    backoff: Backoff,
 }
 
 impl Taken {
@@ -134,7 +136,7 @@ impl Taken {
             .map_err(|error| translate(ACTION, error))?
         {
             allowance.renew();
-            self.patience.restore(Instant::now(), since);
+            self.backoff.restore(Instant::now(), since);
             let piece = piece.into_bytes();
             let (before, new) = piece.split_at(known.min(piece.len()));
             known -= before.len();
@@ -162,17 +164,36 @@ impl Taken {
 /// # Errors
 /// When the engine stops answering.
 pub async fn until_ended(engine: &Engine, container: &str) -> Result<(), ProviderError> {
+    wait(engine, container, "not-running")
+        .await
+        .map_err(|error| translate("waiting for the container's end", error))
+}
+
+/// Waits until a container that somebody is removing is gone.
+///
+/// # Errors
+/// When the engine stops answering, or does not remove it in time.
+pub async fn until_removed(engine: &Engine, container: &str) -> Result<(), ProviderError> {
+    let action = "waiting for a container that somebody is removing";
+    match tokio::time::timeout(REMOVED_WITHIN, wait(engine, container, "removed")).await {
+        Ok(Err(error)) if !is_missing(&error) => Err(translate(action, error)),
+        Ok(_) => Ok(()),
+        Err(_) => Err(ProviderError::TimedOut {
+            action: action.to_owned(),
+            after: REMOVED_WITHIN,
+        }),
+    }
+}
+
+async fn wait(engine: &Engine, container: &str, condition: &str) -> Result<(), Error> {
     let options = WaitContainerOptionsBuilder::default()
-        .condition("not-running")
+        .condition(condition)
         .build();
     let mut answers = pin!(engine.api.wait_container(container, Some(options)));
     match answers.next().await {
         // bollard makes an error of an exit code that is not 0.
         Some(Ok(_) | Err(Error::DockerContainerWaitError { .. })) => Ok(()),
-        Some(Err(error)) => Err(translate("waiting for the container's end", error)),
-        None => Err(translate(
-            "waiting for the container's end",
-            std::io::Error::from(std::io::ErrorKind::UnexpectedEof).into(),
-        )),
+        Some(Err(error)) => Err(error),
+        None => Err(std::io::Error::from(std::io::ErrorKind::UnexpectedEof).into()),
     }
 }

@@ -193,7 +193,7 @@ mod tests {
             run_directory: "/runs/r1".into(),
             scenario: "a".to_owned(),
             host: "here".to_owned(),
-            settings: workload::settings::Settings::default(),
+            settings: record::settings::Settings::default(),
             windows: vec![1],
         };
         let mut labels = Labels::of_environment(&request).write();

@@ -2,11 +2,12 @@
 
 use std::{fmt, path::Path};
 
+use record::quantity::{Bytes, TimeSpan};
 use schemars::JsonSchema;
 use serde::{Deserialize, Deserializer, Serialize, de::DeserializeOwned};
-use workload::quantity::{Bytes, TimeSpan};
 
-use super::container::DATA;
+use super::folders::DATA;
+use crate::provider::AskedRight;
 
 /// How containers are made. Without any of it, the image is the workload's own and nothing is limited.
 #[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize, JsonSchema)]
@@ -76,17 +77,6 @@ impl fmt::Display for SystemCalls {
             Self::Mount => "mount",
         })
     }
-}
-
-/// Something that a matrix file asks for, for its containers, beyond what every container of ours may do.
-#[derive(Debug, Clone, PartialEq, Eq, Serialize)]
-pub struct AskedRight {
-    /// Where it stands in the file, such as `providers.docker.capabilities`.
-    pub setting: &'static str,
-    /// What is asked for, such as `SETGID`.
-    pub asked: String,
-    /// What that means for the engine's host.
-    pub means: &'static str,
 }
 
 impl DockerSettings {

@@ -12,10 +12,10 @@ use std::{
 };
 
 use async_trait::async_trait;
+use record::{FORMAT, layout, platform::PlatformRecord, progress::Progress, window::Verdict};
 use serde::{Deserialize, Serialize};
 use serde_json::{Map, Value, json};
 use tokio::time::Instant;
-use workload::record::{FORMAT, platform::PlatformRecord, progress::Progress, window::Verdict};
 
 use super::{
     FakeSettings, Fault, FaultPoint,
@@ -84,7 +84,7 @@ impl FakeEnvironment {
     ) -> Result<Self, ProviderError> {
         write(directory.lines(), b"")?;
         let platform = serde_json::to_vec_pretty(&platform()).unwrap_or_default();
-        write(directory.data().join("environment.json"), &platform)?;
+        write(directory.data().join(layout::ENVIRONMENT), &platform)?;
         Self::find(directory, request, settings)
     }
 
@@ -208,7 +208,7 @@ impl FakeEnvironment {
                 deviation_m: self.settings.noise_m,
             },
         };
-        let folder = self.directory.data().join(format!("window-{number}"));
+        let folder = self.directory.data().join(layout::window_folder(number));
         window::write(&fake, &folder, with_record).map_err(|source| ProviderError::File {
             action: "write",
             path: folder,
@@ -221,7 +221,7 @@ impl FakeEnvironment {
         text.push(b'\n');
         for path in [
             self.directory.lines(),
-            self.directory.data().join("progress.jsonl"),
+            self.directory.data().join(layout::PROGRESS),
         ] {
             append(path, &text)?;
         }

@@ -2,9 +2,9 @@
 
 use std::collections::BTreeMap;
 
+use record::quantity::TimeSpan;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
-use workload::quantity::TimeSpan;
 
 /// How the fake platform behaves.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]

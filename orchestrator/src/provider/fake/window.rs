@@ -13,20 +13,19 @@ use pcap_file::{
     DataLink, TsResolution,
     pcap::{PcapHeader, PcapWriter},
 };
-use sha2::{Digest as _, Sha256};
-use workload::{
-    record::{
-        FORMAT,
-        control_log::ControlRow,
-        window::{
-            CaptureRecord, ConditionsRecord, FileRecord, LinkRecord, LoopRecord, NoticesRecord, PassRecord,
-            Verdict, WindowRecord,
-        },
-    },
+use record::{
+    FORMAT,
+    control_log::ControlRow,
+    layout,
     settings::Settings,
-    simulation::{Platform, Simulation},
     virtual_host::VirtualHost,
+    window::{
+        CaptureRecord, ConditionsRecord, FileRecord, LinkRecord, LoopRecord, NoticesRecord, PassRecord,
+        Verdict, WindowRecord,
+    },
 };
+use sha2::{Digest as _, Sha256};
+use workload::simulation::{Platform, Simulation};
 
 /// Which window of which environment.
 #[derive(Debug, Clone, Copy)]
@@ -79,14 +78,14 @@ impl Noise<'_> {
 /// What the file system says.
 pub fn write(fake: &FakeWindow<'_>, folder: &Path, with_record: bool) -> io::Result<()> {
     fs::create_dir_all(folder)?;
-    let mut control = BufWriter::new(File::create(folder.join("control.csv"))?);
+    let mut control = BufWriter::new(File::create(folder.join(layout::CONTROL_LOG))?);
     writeln!(control, "{}", ControlRow::HEADER)?;
     let rows = rows(fake);
     for row in &rows {
         row.write_to(&mut control)?;
     }
     control.into_inner()?.sync_all()?;
-    let mut names = vec!["control.csv".to_owned()];
+    let mut names = vec![layout::CONTROL_LOG.to_owned()];
     if fake.settings.capture.enabled {
         for host in VirtualHost::ALL {
             let name = format!("{host}.pcap");
@@ -98,7 +97,7 @@ pub fn write(fake: &FakeWindow<'_>, folder: &Path, with_record: bool) -> io::Res
         let files = names.into_iter().map(|name| describe(folder, name));
         let record = record(fake, &rows, files.collect::<io::Result<_>>()?);
         let text = serde_json::to_vec_pretty(&record)?;
-        fs::write(folder.join("window.json"), text)?;
+        fs::write(folder.join(layout::WINDOW), text)?;
     }
     Ok(())
 }
@@ -241,7 +240,7 @@ fn nanoseconds(duration: Duration) -> i64 {
 
 #[cfg(test)]
 mod tests {
-    use workload::quantity::TimeSpan;
+    use record::quantity::TimeSpan;
 
     use super::*;
 

@@ -10,10 +10,10 @@ use std::{
     time::Duration,
 };
 
+use record::{detached::Owner, layout};
 use serde::{Deserialize, Serialize};
 use serde_json::{Value, json};
 use tokio::time::{Instant, sleep};
-use workload::record::detached::Owner;
 
 use super::{
     VagrantSettings,
@@ -170,7 +170,7 @@ impl MachineFolders {
         )
     }
 
-    fn refused(&self, action: &str, hint: Option<String>, source: crate::provider::Cause) -> ProviderError {
+    fn refused(&self, action: &str, hint: Option<String>, source: crate::failure::Cause) -> ProviderError {
         ProviderError::Refused {
             platform: format!("host `{}`", self.host.name()),
             action: action.to_owned(),
@@ -195,7 +195,7 @@ impl Machine {
         let owner = serde_json::to_string(owner).unwrap_or_default();
         let definition = self.definition(settings).to_string();
         let files = [
-            ("owner.json", owner.as_str()),
+            (layout::OWNER, owner.as_str()),
             ("Vagrantfile", VAGRANTFILE),
             ("machine.json", &definition),
         ];

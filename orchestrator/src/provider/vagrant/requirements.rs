@@ -5,7 +5,11 @@ use std::{path::Path, time::Duration};
 
 use serde_json::{Map, Value, json};
 
-use super::{VagrantSettings, machine::vagrant, output};
+use super::{
+    VagrantSettings,
+    kind::{Probe, Requirement},
+    machine, output,
+};
 use crate::{
     host::{Exit, Host, Program, output as run},
     provider::{Availability, ProviderError},
@@ -15,68 +19,15 @@ const PATIENCE: Duration = Duration::from_secs(120);
 /// What a host answers when it has no such program, as shells do.
 const NOT_FOUND: i32 = 127;
 
-/// A program and its arguments.
-type Probe = (&'static str, &'static [&'static str]);
-
-/// What a provider needs beside Vagrant.
-struct Requirement {
-    /// The plugin without which Vagrant does not know it.
-    plugin: Option<&'static str>,
-    /// A command that succeeds where the provider can work.
-    probe: Option<Probe>,
-    /// What makes it work, on Debian.
-    fix: &'static str,
-}
-
-fn requirement(provider: &str) -> Requirement {
-    match provider {
-        "libvirt" => Requirement {
-            plugin: Some("vagrant-libvirt"),
-            probe: Some(("virsh", &["--connect", "qemu:///system", "version"])),
-            fix: "on Debian: apt-get install vagrant-libvirt libvirt-daemon-system libvirt-clients, and be in the group \
-                  libvirt",
-        },
-        "virtualbox" => Requirement {
-            plugin: None,
-            probe: Some(("VBoxManage", &["--version"])),
-            fix: "install VirtualBox, https://www.virtualbox.org/wiki/Linux_Downloads",
-        },
-        "hyperv" => Requirement {
-            plugin: None,
-            probe: Some(("powershell.exe", &["-NoProfile", "-Command", "Get-VMHost"])),
-            fix: "Hyper-V is part of Windows alone",
-        },
-        "vmware_desktop" => plugin_of(
-            "vagrant-vmware-desktop",
-            "vagrant plugin install vagrant-vmware-desktop",
-        ),
-        "parallels" => plugin_of("vagrant-parallels", "vagrant plugin install vagrant-parallels"),
-        "qemu" => plugin_of("vagrant-qemu", "vagrant plugin install vagrant-qemu"),
-        _ => Requirement {
-            plugin: None,
-            probe: None,
-            fix: "",
-        },
-    }
-}
-
-fn plugin_of(plugin: &'static str, fix: &'static str) -> Requirement {
-    Requirement {
-        plugin: Some(plugin),
-        probe: None,
-        fix,
-    }
-}
-
 /// Vagrant's version on a host; none where it is not installed or does not say.
 pub async fn version(host: &dyn Host) -> Option<String> {
     let printed = ask(host, &["--version"]).await.ok()??;
     Some(printed.trim().trim_start_matches("Vagrant ").to_owned())
 }
 
-/// Versions of what makes a provider's machines, by its name; none where it does not say.
-pub async fn versions(host: &dyn Host, provider: &str) -> Map<String, Value> {
-    let Some((program, arguments)) = requirement(provider).probe else {
+/// Versions of what makes a provider's machines, by the program that it requires; none where it does not say.
+pub async fn versions(host: &dyn Host, required: &Requirement) -> Map<String, Value> {
+    let Some((program, arguments)) = required.probe else {
         return Map::new();
     };
     // virsh speaks the language of its surroundings.
@@ -103,8 +54,13 @@ fn versions_in(printed: &str) -> Map<String, Value> {
 }
 
 /// Whether machines of that provider can be made of the box.
-pub async fn survey(host: &dyn Host, provider: &str, settings: &VagrantSettings) -> Availability {
-    match look(host, provider, settings).await {
+pub async fn survey(
+    host: &dyn Host,
+    provider: &str,
+    required: &Requirement,
+    settings: &VagrantSettings,
+) -> Availability {
+    match look(host, provider, required, settings).await {
         Ok(availability) => availability,
         Err(error) => Availability::prevented_by(error),
     }
@@ -113,13 +69,13 @@ pub async fn survey(host: &dyn Host, provider: &str, settings: &VagrantSettings)
 async fn look(
     host: &dyn Host,
     provider: &str,
+    required: &Requirement,
     settings: &VagrantSettings,
 ) -> Result<Availability, ProviderError> {
     let unavailable = |reason: String, fix: &str| Availability::Unavailable {
         reason,
         fix: Some(fix.to_owned()),
     };
-    let required = requirement(provider);
     // Vagrant takes seconds to say anything: what can be known without it is asked first.
     if !end_of(host, ("sh", &["-c", "command -v vagrant"]))
         .await?
@@ -196,7 +152,7 @@ async fn end_of(host: &dyn Host, (program, arguments): Probe) -> Result<Exit, Pr
 
 /// What Vagrant printed; none where it is not there or does not want to.
 async fn ask(host: &dyn Host, arguments: &[&str]) -> Result<Option<String>, ProviderError> {
-    let (exit, printed) = run(host, &vagrant(Path::new("/"), arguments), b"", PATIENCE).await?;
+    let (exit, printed) = run(host, &machine::vagrant(Path::new("/"), arguments), b"", PATIENCE).await?;
     Ok(exit
         .success()
         .then(|| String::from_utf8_lossy(&printed).into_owned()))

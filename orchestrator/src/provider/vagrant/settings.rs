@@ -3,12 +3,12 @@
 
 use std::collections::BTreeMap;
 
+use record::quantity::{Bytes, TimeSpan};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 use serde_json::Value;
-use workload::quantity::{Bytes, TimeSpan};
 
-use super::options::{self, Refusal};
+use super::options::{self, Allowed, Refusal};
 
 /// How the machines of one of Vagrant's providers are made.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
@@ -45,7 +45,7 @@ pub struct VagrantSettings {
 impl VagrantSettings {
     /// What of it a matrix file may not set: where it stands below the provider's name, and why.
     #[must_use]
-    pub fn refusals(&self, provider: &str) -> Vec<(String, Refusal)> {
+    pub fn refusals(&self, provider: &str, allowed: Allowed) -> Vec<(String, Refusal)> {
         let mut refusals = Vec::new();
         let is_name = |part: &str| options::is_word(part) && !part.starts_with('.');
         // Vagrant takes an address or a file for a box, too, and runs what is in it.
@@ -70,7 +70,7 @@ impl VagrantSettings {
             ));
         }
         let options = self.options.iter().filter_map(|(name, value)| {
-            let refusal = options::refusal(provider, name, value)?;
+            let refusal = options::refusal(allowed, provider, name, value)?;
             Some((format!("options.{name}"), refusal))
         });
         refusals.extend(options);
@@ -106,7 +106,7 @@ mod tests {
     #[case::xml("{network_card: \"x'/><disk/>\", options: {uri: x}}", &["network_card", "options.uri"])]
     fn what_may_not_be_set_is_told_with_its_place(#[case] yaml: &str, #[case] places: &[&str]) {
         let settings: VagrantSettings = serde_yaml::from_str(yaml).unwrap();
-        let refusals = settings.refusals("libvirt");
+        let refusals = settings.refusals("libvirt", options::LIBVIRT);
         let told: Vec<&str> = refusals.iter().map(|(place, _)| place.as_str()).collect();
         assert_eq!(told, places);
     }

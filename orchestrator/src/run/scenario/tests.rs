@@ -1,25 +1,32 @@
-use std::sync::{
-    Arc,
-    atomic::{AtomicBool, Ordering},
+use std::{
+    collections::VecDeque,
+    path::Path,
+    sync::{
+        Arc,
+        atomic::{AtomicBool, Ordering},
+    },
 };
 
 use async_trait::async_trait;
-use reports::run_directory::{FORMAT, PlanRecord, Resource, RunDirectory};
+use record::{
+    run_directory::{FORMAT, PlanRecord, Resource, RunDirectory},
+    settings::Settings,
+    window::Verdict,
+};
+use serde_json::{Map, Value};
 use tokio::sync::RwLock;
-use workload::settings::Settings;
 
 use super::*;
 use crate::{
     host::{Here, Host, Program},
     journal::Journal,
     observer::{Events, Observer},
-    provider::{Availability, Leftover},
-    run::{Fleet, keep::Keep, state::RunState, stop::stop_switch},
+    provider::{Availability, Fleet, Leftover},
+    run::{keep::Keep, state::RunState, stop::stop_switch},
     state_directory::StateDirectory,
 };
 
 /// A platform that refuses to create anything, and may be gone from then on.
-#[derive(Clone)]
 struct Refusing {
     vanishes: bool,
     gone: Arc<AtomicBool>,
@@ -75,9 +82,105 @@ impl Provider for Refusing {
     }
 }
 
+/// A platform whose environments complete a window and give nothing out at first, as a container that somebody removes.
+struct Emptied {
+    /// Whether what is found of an environment afterwards gives nothing out either.
+    for_good: bool,
+}
+
+struct EmptiedEnvironment {
+    lines: VecDeque<Progress>,
+    is_empty: bool,
+}
+
+impl EmptiedEnvironment {
+    fn that_is(is_empty: bool) -> Box<dyn Environment> {
+        let verdict = Verdict::Valid;
+        Box::new(Self {
+            lines: VecDeque::from([Progress::WindowComplete { window: 1, verdict }]),
+            is_empty,
+        })
+    }
+}
+
+#[async_trait]
+impl Provider for Emptied {
+    fn name(&self) -> &'static str {
+        "emptied"
+    }
+
+    async fn survey(&self) -> Availability {
+        Availability::Available {
+            detail: String::new(),
+        }
+    }
+
+    fn resources(&self, _: &EnvironmentRequest) -> Vec<Resource> {
+        Vec::new()
+    }
+
+    async fn create(&self, _: &EnvironmentRequest) -> Result<Box<dyn Environment>, ProviderError> {
+        Ok(EmptiedEnvironment::that_is(true))
+    }
+
+    async fn find(&self, _: &EnvironmentRequest) -> Result<Option<Box<dyn Environment>>, ProviderError> {
+        Ok(Some(EmptiedEnvironment::that_is(self.for_good)))
+    }
+
+    async fn shell(&self, _: &str) -> Result<Program, ProviderError> {
+        Err(refusal("entering", "there is nothing"))
+    }
+
+    async fn leftovers(&self) -> Result<Vec<Leftover>, ProviderError> {
+        Ok(Vec::new())
+    }
+
+    async fn remove(&self, _: &Leftover) -> Result<(), ProviderError> {
+        Ok(())
+    }
+}
+
+#[async_trait]
+impl Environment for EmptiedEnvironment {
+    fn facts(&self) -> Map<String, Value> {
+        Map::new()
+    }
+
+    fn running(&self) -> bool {
+        false
+    }
+
+    async fn next_progress(&mut self) -> Result<Option<Progress>, ProviderError> {
+        Ok(self.lines.pop_front())
+    }
+
+    async fn stop(&mut self) -> Result<(), ProviderError> {
+        Ok(())
+    }
+
+    async fn ended(&mut self) -> Result<Ended, ProviderError> {
+        Ok(Ended {
+            success: false,
+            how: "killed by signal 9".to_owned(),
+        })
+    }
+
+    async fn collect(&mut self, into: &Path) -> Result<(), ProviderError> {
+        if !self.is_empty {
+            // That it is no whole window is found out where windows are sorted.
+            std::fs::create_dir(into.join("window-1")).unwrap();
+        }
+        Ok(())
+    }
+
+    async fn discard(self: Box<Self>) -> Result<(), ProviderError> {
+        Ok(())
+    }
+}
+
 /// This machine with that platform; its lease is the test's own.
 struct Alone {
-    platform: Refusing,
+    platform: Arc<dyn Provider>,
     folder: PathBuf,
 }
 
@@ -88,7 +191,7 @@ impl Fleet for Alone {
     }
 
     fn provider(&self, _: &PlannedScenario) -> Result<Arc<dyn Provider>, ProviderError> {
-        Ok(Arc::new(self.platform.clone()))
+        Ok(Arc::clone(&self.platform))
     }
 }
 
@@ -105,18 +208,19 @@ fn scenario() -> PlannedScenario {
     PlannedScenario {
         id: "a".into(),
         slug: "a-refusing".into(),
-        axes: serde_json::Map::new(),
+        axes: Map::new(),
         host: Some("here".into()),
         feasible: true,
         reason: None,
         fix: None,
         not_selected: None,
+        simulated: false,
         settings: Settings::default(),
     }
 }
 
 /// All events of a scenario on that platform.
-async fn events(platform: Refusing) -> Vec<Event> {
+async fn events(platform: impl Provider + 'static) -> Vec<Event> {
     let folder = tempfile::tempdir().unwrap();
     let directory = RunDirectory::new(folder.path());
     let plan = PlanRecord {
@@ -129,7 +233,7 @@ async fn events(platform: Refusing) -> Vec<Event> {
     let (keep, kept) = std::sync::mpsc::channel();
     let (_switch, stop) = stop_switch();
     let fleet = Alone {
-        platform,
+        platform: Arc::new(platform),
         folder: folder.path().to_owned(),
     };
     let run = Run {
@@ -197,4 +301,27 @@ async fn when_removing_fails_too_the_first_failure_is_told_first() {
          engine refused listing: connection reset"
     );
     assert_eq!(hint, "mend creating; `matrix clean` removes what is left");
+}
+
+#[tokio::test]
+async fn an_environment_that_does_not_give_out_a_window_it_measured_is_not_removed() {
+    let events = events(Emptied { for_good: true }).await;
+    assert!(!discarded(&events), "the window may be in it: {events:#?}");
+    let (reason, hint) = ending(&events);
+    assert_eq!(
+        reason,
+        "windows 1 were measured, and are not in what the environment gave out"
+    );
+    assert!(
+        hint.contains("`matrix resume`") && hint.contains("`matrix clean`"),
+        "{hint}"
+    );
+}
+
+#[tokio::test]
+async fn what_is_found_of_an_environment_afterwards_is_asked_for_the_window_once_more() {
+    let events = events(Emptied { for_good: false }).await;
+    let broken = |event: &Event| matches!(event, Event::WindowBroken { window: 1, .. });
+    assert!(events.iter().any(broken), "{events:#?}");
+    assert!(discarded(&events), "{events:#?}");
 }

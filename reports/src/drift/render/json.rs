@@ -1,20 +1,108 @@
-//! For programs, and for the body of a webhook.
+//! For programs, and for the body of a webhook. The main type is [`DriftDocument`].
 
+use serde::Serialize;
 use serde_json::{Value, json};
 
-use crate::drift::{Cause, Drift, Finding, Judgement, Verdict};
+use crate::drift::{Acknowledgement, Cause, Drift, Finding, Judgement, Verdict};
+
+/// Whether what is measured night after night has changed: the output of `matrix drift --json`.
+#[derive(Serialize)]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
+#[cfg_attr(feature = "schema", schemars(title = "matrix drift --json"))]
+pub struct DriftDocument<'a> {
+    /// The worst of the judgements: `no drift found`, `too little data`, `invalid measurement` or `drift`.
+    verdict: &'static str,
+    /// The verdict in one sentence.
+    headline: String,
+    /// The names of the runs that are judged against each other, the earliest first.
+    nights: &'a [String],
+    /// One for each scenario and metric.
+    judgements: Vec<JudgementEntry<'a>>,
+    /// What to know before believing the rest.
+    remarks: &'a [String],
+}
+
+/// The judgement of one scenario and metric.
+#[derive(Serialize)]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
+struct JudgementEntry<'a> {
+    /// The scenario's slug.
+    scenario: &'a str,
+    /// `error`, `state-age`, `packet-delay`, `lateness` or `provisioning`.
+    metric: &'static str,
+    /// The SI unit of the metric's values.
+    unit: &'static str,
+    /// `no drift found`, `too little data`, `invalid measurement` or `drift`.
+    verdict: &'static str,
+    /// Why nothing can be judged; null where something can.
+    reason: Option<&'a str>,
+    /// A change that would have been found with a probability of 80 %, in `unit`; null unless no drift was found.
+    detectable: Option<f64>,
+    /// Nights with a number.
+    nights: usize,
+    /// What changed, acknowledged or not.
+    findings: Vec<FindingEntry<'a>>,
+}
+
+/// A change.
+#[derive(Serialize)]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
+struct FindingEntry<'a> {
+    /// `jump`, `slope` or `against the baseline`.
+    kind: &'static str,
+    /// The last night before the change.
+    before: &'a str,
+    /// The first night with the change.
+    since: &'a str,
+    /// The level before, in the judgement's unit.
+    level_before: f64,
+    /// The level since, in the judgement's unit.
+    level_since: f64,
+    /// The p-value, adjusted for all scenarios and metrics.
+    p: f64,
+    /// What else changed.
+    cause: CauseEntry<'a>,
+    /// Who acknowledged the change; null if nobody did.
+    acknowledged: Option<&'a Acknowledgement>,
+    /// Whether the change is smaller than what was declared to matter.
+    immaterial: bool,
+}
+
+/// What else changed.
+#[derive(Serialize)]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
+struct CauseEntry<'a> {
+    /// `configuration`, `infrastructure` or `unexplained`.
+    kind: &'static str,
+    /// What differs; empty where nothing that is recorded does.
+    fields: Vec<ChangedField<'a>>,
+}
+
+/// A field that is not the same.
+#[derive(Serialize)]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
+struct ChangedField<'a> {
+    /// Its dotted path.
+    field: &'a str,
+    /// Its value before the change, null if it had none; only of the infrastructure.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    before: Option<Option<&'a str>>,
+    /// Its value since the change, null if it has none; only of the infrastructure.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    since: Option<Option<&'a str>>,
+}
 
 impl Drift {
     /// All that was judged. Numbers are in the unit that stands beside.
     #[must_use]
-    pub fn json(&self) -> Value {
-        json!({
-            "verdict": self.verdict().name(),
-            "headline": self.headline(),
-            "nights": self.nights,
-            "judgements": self.judgements.iter().map(judgement).collect::<Vec<_>>(),
-            "remarks": self.remarks,
-        })
+    pub fn json(&self) -> DriftDocument<'_> {
+        DriftDocument {
+            verdict: self.verdict().name(),
+            headline: self.headline(),
+            nights: &self.nights,
+            judgements: self.judgements.iter().map(judgement).collect(),
+            remarks: &self.remarks,
+        }
     }
 
     /// What chat services of the usual kind take at an incoming webhook: `text`, and beside it all that was judged.
@@ -42,42 +130,55 @@ fn plain(text: &str) -> String {
         .replace('>', "&gt;")
 }
 
-fn judgement(judgement: &Judgement) -> Value {
-    let (reason, detectable) = match &judgement.verdict {
-        Verdict::NoDrift { detectable } => (None, Some(*detectable)),
-        Verdict::Drift => (None, None),
-        Verdict::Invalid { reason } | Verdict::TooLittle { reason } => (Some(reason), None),
+fn judgement(judgement: &Judgement) -> JudgementEntry<'_> {
+    let detectable = match judgement.verdict {
+        Verdict::NoDrift { detectable } => Some(detectable),
+        Verdict::Drift | Verdict::Invalid { .. } | Verdict::TooLittle { .. } => None,
     };
-    json!({
-        "scenario": judgement.scenario,
-        "metric": judgement.metric.name(),
-        "unit": judgement.metric.unit(),
-        "verdict": judgement.verdict.name(),
-        "reason": reason,
-        "detectable": detectable,
-        "nights": judgement.nights,
-        "findings": judgement.findings.iter().map(finding).collect::<Vec<_>>(),
-    })
+    JudgementEntry {
+        scenario: &judgement.scenario,
+        metric: judgement.metric.name(),
+        unit: judgement.metric.unit(),
+        verdict: judgement.verdict.name(),
+        reason: judgement.verdict.reason(),
+        detectable,
+        nights: judgement.nights,
+        findings: judgement.findings.iter().map(finding).collect(),
+    }
 }
 
-fn finding(finding: &Finding) -> Value {
-    let details: Vec<Value> = match &finding.cause {
-        Cause::Configuration(fields) => fields.iter().map(|field| json!({"field": field})).collect(),
+fn finding(finding: &Finding) -> FindingEntry<'_> {
+    let fields: Vec<ChangedField<'_>> = match &finding.cause {
+        Cause::Configuration(fields) => fields
+            .iter()
+            .map(|field| ChangedField {
+                field,
+                before: None,
+                since: None,
+            })
+            .collect(),
         Cause::Infrastructure(differences) => differences
             .iter()
-            .map(|it| json!({"field": it.field, "before": it.first, "since": it.second}))
+            .map(|it| ChangedField {
+                field: &it.field,
+                before: Some(it.first.as_deref()),
+                since: Some(it.second.as_deref()),
+            })
             .collect(),
         Cause::Unexplained => Vec::new(),
     };
-    json!({
-        "kind": finding.kind.name(),
-        "before": finding.before,
-        "since": finding.since,
-        "level_before": finding.level_before,
-        "level_since": finding.level_since,
-        "p": finding.p,
-        "cause": {"kind": finding.cause.name(), "fields": details},
-        "acknowledged": finding.acknowledged,
-        "immaterial": finding.immaterial,
-    })
+    FindingEntry {
+        kind: finding.kind.name(),
+        before: &finding.before,
+        since: &finding.since,
+        level_before: finding.level_before,
+        level_since: finding.level_since,
+        p: finding.p,
+        cause: CauseEntry {
+            kind: finding.cause.name(),
+            fields,
+        },
+        acknowledged: finding.acknowledged.as_ref(),
+        immaterial: finding.immaterial,
+    }
 }

@@ -6,17 +6,17 @@ use std::{
     },
 };
 
+use record::{
+    settings::{Dynamics, LateTicks, Limit, Settings, ValiditySettings},
+    window::{LinkRecord, Verdict, WindowRecord},
+};
 use rstest::rstest;
 use rtrb::{Producer, RingBuffer};
 use sha2::{Digest, Sha256};
 use tempfile::TempDir;
 
 use super::*;
-use crate::{
-    network::{NetworkError, Work},
-    record::window::{LinkRecord, Verdict, WindowRecord},
-    settings::{Dynamics, LateTicks, Limit, Settings, ValiditySettings},
-};
+use crate::network::{NetworkError, Work};
 
 const STEPS: u64 = 10;
 const STEP_NS: i64 = 20 * MILLISECOND_NS;
@@ -153,7 +153,7 @@ fn record_ticks(
     loops_do(&mut loops);
     drop(loops);
     let sources = Sources {
-        board: NoticeBoard::new(),
+        board: NoticeQueue::new(),
         rows: row_source,
         plant_rows: plant_source,
         processes: Vec::new(),

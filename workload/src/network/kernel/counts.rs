@@ -1,8 +1,7 @@
 //! What went through a netem queue, out of `tc -s -j qdisc show`. The main function is [`of_netem`].
 
+use record::window::PassRecord;
 use serde::Deserialize;
-
-use crate::record::window::PassRecord;
 
 /// One queueing discipline as `tc` prints it (iproute2, `tc/tc_qdisc.c` and `lib/gnet_stats` in `tc/tc_util.c`).
 #[derive(Debug, Deserialize)]

@@ -9,7 +9,7 @@ use std::{
 };
 
 use super::super::{
-    NetworkError,
+    error::NetworkError,
     namespace::{Namespace, errno},
 };
 

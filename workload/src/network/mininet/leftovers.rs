@@ -5,7 +5,11 @@
 
 use std::path::Path;
 
-use super::{super::kernel::tools, NetworkError, PREFIX, owner::Owner};
+use super::{
+    super::{error::NetworkError, kernel::tools},
+    PREFIX,
+    owner::Owner,
+};
 
 /// Where a bridge says whose it is.
 const OWNER: &str = "matrix-owner";

@@ -17,16 +17,13 @@ use nix::{
     sys::signal::{Signal, killpg},
     unistd::Pid,
 };
-use serde::{Deserialize, Serialize, de::DeserializeOwned};
-
-use super::{
-    super::{kernel::tc_time, namespace::errno},
-    MininetError, NetworkError,
-};
-use crate::{
+use record::{
     settings::{NetworkSettings, Offloads},
     virtual_host::VirtualHost,
 };
+use serde::{Deserialize, Serialize, de::DeserializeOwned};
+
+use super::super::{error::NetworkError, kernel::tc_time, mininet::error::MininetError, namespace::errno};
 
 const PROGRAM: &str = include_str!("network.py");
 

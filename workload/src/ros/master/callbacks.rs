@@ -11,7 +11,7 @@ use std::{
 
 use crate::ros::{
     Notice, Notices,
-    crew::Crew,
+    thread_group::ThreadGroup,
     xml_rpc::{CallError, Client, Value},
 };
 
@@ -81,7 +81,7 @@ impl Callback {
 #[derive(Debug, Clone)]
 pub(super) struct Callbacks {
     shared: Arc<Shared>,
-    crew: Crew,
+    crew: ThreadGroup,
     notices: Notices,
 }
 
@@ -99,7 +99,7 @@ struct State {
 }
 
 impl Callbacks {
-    pub fn new(crew: Crew, notices: Notices) -> Self {
+    pub fn new(crew: ThreadGroup, notices: Notices) -> Self {
         Self {
             shared: Arc::default(),
             crew,

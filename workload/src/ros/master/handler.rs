@@ -339,7 +339,7 @@ mod tests {
     use proptest::prelude::*;
 
     use super::*;
-    use crate::ros::{Notices, crew::Crew};
+    use crate::ros::{Notices, thread_group::ThreadGroup};
 
     const METHODS: [&str; 22] = [
         "registerPublisher",
@@ -367,7 +367,7 @@ mod tests {
     ];
 
     fn handler() -> Handler {
-        let callbacks = Callbacks::new(Crew::new().unwrap(), Notices::ignored());
+        let callbacks = Callbacks::new(ThreadGroup::new().unwrap(), Notices::ignored());
         // Nobody is there to be told.
         callbacks.close();
         Handler {

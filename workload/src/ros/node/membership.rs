@@ -8,7 +8,8 @@ use std::{
 };
 
 use crate::ros::{
-    Notices, RosError, crew::Crew, name, publisher::Publication, subscription::Intake, xml_rpc::Client,
+    Notices, RosError, name, publisher::Publication, subscription::Intake, thread_group::ThreadGroup,
+    xml_rpc::Client,
 };
 
 /// A node's place in the graph.
@@ -23,7 +24,7 @@ pub(super) struct Membership {
     pub master_uri: String,
     pub master_patience: Duration,
     pub master: Client,
-    pub crew: Crew,
+    pub crew: ThreadGroup,
     pub notices: Notices,
     /// For a subscriber to send its header.
     pub header_patience: Duration,

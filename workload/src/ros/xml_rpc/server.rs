@@ -14,9 +14,9 @@ use super::{
 };
 use crate::ros::{
     Notice, Notices,
-    crew::{Crew, Guests},
     socket::{Socket, accept_all},
     stop::WaitError,
+    thread_group::{Guests, ThreadGroup},
 };
 
 /// From a request's first byte to its last, and for the answer to be taken.
@@ -84,10 +84,10 @@ pub(in crate::ros) trait Api: Send + Sync {
     fn call(&self, method: &str, params: Params<'_>) -> Result<Value, Fault>;
 }
 
-/// Serves until the crew is dismissed. Returns at once.
+/// Serves until the thread group is dismissed. Returns at once.
 pub(in crate::ros) fn serve(
     listener: TcpListener,
-    crew: &Crew,
+    crew: &ThreadGroup,
     notices: &Notices,
     api: Arc<dyn Api>,
 ) -> io::Result<()> {
@@ -251,10 +251,10 @@ mod tests {
         }
     }
 
-    fn start(notices: &Notices) -> (Crew, SocketAddr) {
+    fn start(notices: &Notices) -> (ThreadGroup, SocketAddr) {
         let listener = TcpListener::bind("127.0.0.1:0").unwrap();
         let address = listener.local_addr().unwrap();
-        let crew = Crew::new().unwrap();
+        let crew = ThreadGroup::new().unwrap();
         serve(listener, &crew, notices, Arc::new(Echo)).unwrap();
         (crew, address)
     }

@@ -1,0 +1,51 @@
+//! The commands, one module each: what it takes, what it does, what it prints.
+
+pub mod check;
+pub mod clean;
+pub mod completions;
+pub mod doctor;
+pub mod drift;
+pub mod ks;
+pub mod man;
+pub mod messages;
+pub mod options;
+pub mod plan;
+pub mod redact;
+pub mod report;
+pub mod resume;
+pub mod run;
+pub mod schema;
+pub mod selftest;
+pub mod shell;
+pub mod status;
+
+use crate::{
+    cli::{arguments::Command, exit::Exit, terminal::CommandError},
+    provider::Catalogue,
+};
+
+/// Does what the command line asks, with these providers.
+///
+/// # Errors
+/// What a person should read, with the exit code.
+pub async fn execute(command: &Command, catalogue: Catalogue) -> Result<Exit, CommandError> {
+    match command {
+        Command::Check(arguments) => check::execute(arguments, catalogue).await,
+        Command::Plan(arguments) => plan::execute(arguments, catalogue).await,
+        Command::Run(arguments) => run::execute(arguments, catalogue).await,
+        Command::Resume(arguments) => resume::execute(arguments, catalogue).await,
+        Command::Status(arguments) => status::execute(arguments),
+        Command::Report(arguments) => report::execute(arguments),
+        Command::Redact(arguments) => redact::execute(arguments),
+        Command::Messages(arguments) => messages::execute(arguments),
+        Command::Selftest(arguments) => selftest::execute(arguments),
+        Command::Drift(arguments) => drift::execute(arguments),
+        Command::Ks(arguments) => ks::execute(arguments),
+        Command::Shell(arguments) => shell::execute(arguments, catalogue).await,
+        Command::Clean(arguments) => clean::execute(arguments, catalogue).await,
+        Command::Doctor(arguments) => doctor::execute(arguments, catalogue).await,
+        Command::Schema(arguments) => Ok(schema::execute(arguments, catalogue)),
+        Command::Completions(arguments) => Ok(completions::execute(arguments)),
+        Command::Man(arguments) => man::execute(arguments),
+    }
+}

@@ -1,0 +1,420 @@
+//! `matrix doctor [FILE]`: what this machine, or each host of a matrix file, can do, what is missing and how to get it.
+
+use std::{fmt::Write, path::PathBuf, sync::Arc};
+
+use clap::Args;
+use record::{
+    axis::NATIVE,
+    causes::with_causes,
+    check::Check,
+    run_directory::PlannedScenario,
+    settings::{Need, Settings},
+};
+use schemars::JsonSchema;
+use serde::Serialize;
+
+use crate::{
+    cli::{
+        command::options::OutputArguments,
+        exit::Exit,
+        terminal::{self, CommandError},
+    },
+    disk_space,
+    host::{Here, Host},
+    matrix_file::{MatrixFile, THIS_MACHINE},
+    plan::{self, HostFacts, Obstacle, Selection, order::Order},
+    provider::{
+        Availability, Catalogue, ProviderError, ProviderSettings, Roster,
+        detached::{AgentClient, ClockReading},
+    },
+    state_directory::StateDirectory,
+    survey,
+};
+
+/// What it takes.
+#[derive(Debug, Args)]
+pub struct DoctorArguments {
+    /// A matrix file, whose hosts are asked in place of this machine.
+    file: Option<PathBuf>,
+    #[command(flatten)]
+    pub(crate) output: OutputArguments,
+}
+
+/// What this machine can do, or, with a matrix file, each of its hosts.
+#[derive(Debug, Serialize, JsonSchema)]
+#[serde(untagged)]
+#[schemars(title = "matrix doctor --json")]
+pub enum DoctorDocument<'a> {
+    /// Without a matrix file: this machine.
+    Machine(Box<HostRecord<'a>>),
+    /// With a matrix file: its hosts.
+    Hosts {
+        /// Each host of the file.
+        hosts: Vec<HostRecord<'a>>,
+    },
+}
+
+/// What a host can do.
+#[derive(Debug, Serialize, JsonSchema)]
+pub struct HostRecord<'a> {
+    /// Its name in the matrix file; without one, `local`.
+    host: &'a str,
+    /// Its hardware, as `uname -m` prints it; empty if it cannot be asked.
+    hardware: &'a str,
+    /// `ID` and `VERSION_ID` of its os-release, such as `debian-12`.
+    os: &'a str,
+    /// Its kernel, as `uname -r` prints it.
+    kernel: &'a str,
+    /// Why it cannot be asked; null if it can.
+    obstacle: Option<&'a Obstacle>,
+    /// The number of the user whose rights are used there; null if it cannot be asked.
+    uid: Option<u32>,
+    /// Free space on the disk with its state folder, in bytes; null if it cannot be asked.
+    free_bytes: Option<u64>,
+    /// What the windows of the matrix file take on its disk, in bytes; null without a file.
+    to_come_bytes: Option<u64>,
+    /// How far its clock is ahead of this machine's, in milliseconds; null if it cannot be asked.
+    clock_ahead_ms: Option<f64>,
+    /// By how much that may be wrong, in milliseconds.
+    clock_within_ms: Option<f64>,
+    /// What the experiment needs; null if it cannot be asked.
+    checks: Option<&'a [Check]>,
+    /// The providers, and the settings that need something of the host.
+    providers: Vec<AvailabilityRecord<'a>>,
+}
+
+/// Whether a provider, or a setting with it, can be had on a host.
+#[derive(Debug, Serialize, JsonSchema)]
+struct AvailabilityRecord<'a> {
+    /// The provider or the setting, such as `docker` or `network.backend: kernel`.
+    name: String,
+    /// Whether it can be had.
+    available: bool,
+    /// What is known of it, such as `Engine 20.10.24`; only if it can be had.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    detail: Option<&'a str>,
+    /// Why not; only if it cannot be had.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    reason: Option<&'a str>,
+    /// What would make it available, null if that is not known; only if it cannot be had.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    fix: Option<Option<&'a str>>,
+    /// The settings that need something of the host; only for a provider.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    settings: Option<Vec<AvailabilityRecord<'a>>>,
+}
+
+/// What a host says.
+struct Answer {
+    name: String,
+    facts: HostFacts,
+    /// What the experiment needs; none where it could not be asked.
+    checks: Result<Vec<Check>, ProviderError>,
+    /// None where it could not be asked.
+    standing: Option<Standing>,
+    /// What the windows that the matrix file has for it take on its disk; none without a file.
+    to_come_bytes: Option<u64>,
+}
+
+/// What a host is like at the moment.
+struct Standing {
+    uid: u32,
+    /// Of the disk with its state folder.
+    free_bytes: u64,
+    clock: ClockReading,
+}
+
+impl Standing {
+    async fn of(host: &Arc<dyn Host>) -> Option<Self> {
+        let (clock, said) = ClockReading::of(&AgentClient::new(Arc::clone(host))).await.ok()?;
+        Some(Self {
+            uid: said.uid,
+            free_bytes: said.free_bytes,
+            clock,
+        })
+    }
+
+    fn rights(&self) -> String {
+        match self.uid {
+            0 => "root".to_owned(),
+            uid => format!("user {uid}"),
+        }
+    }
+
+    fn clock(&self) -> String {
+        format!(
+            "{:+.0} ± {:.0} ms",
+            self.clock.ahead_ms,
+            self.clock.within_ms.ceil()
+        )
+    }
+}
+
+/// Asks every provider, and the workload itself, and prints what they say.
+///
+/// # Errors
+/// When the file is wrong, or the workload's own check cannot be run on this machine.
+pub async fn execute(arguments: &DoctorArguments, catalogue: Catalogue) -> Result<Exit, CommandError> {
+    let Some(path) = &arguments.file else {
+        return of_this_machine(arguments.output.json, catalogue).await;
+    };
+    let file = MatrixFile::read(path, None, catalogue).map_err(CommandError::of_mistakes)?;
+    let roster = survey::roster(&file);
+    let mut answers = Vec::new();
+    for host in roster.hosts() {
+        answers.push(ask(host, &roster).await);
+    }
+    foresee(&file, &mut answers);
+    if arguments.output.json {
+        terminal::json(&DoctorDocument::Hosts {
+            hosts: answers.iter().map(record).collect(),
+        });
+    } else {
+        let texts: Vec<_> = answers
+            .iter()
+            .map(|answer| as_text(&answer.name, answer))
+            .collect();
+        terminal::result(&format!("{}\n{}", table(&answers, catalogue), texts.join("\n")));
+    }
+    Ok(Exit::Done)
+}
+
+/// What is to come on each host, if all that can run there does.
+fn foresee(file: &MatrixFile, answers: &mut [Answer]) {
+    let facts = answers
+        .iter()
+        .map(|answer| (answer.name.clone(), answer.facts.clone()))
+        .collect();
+    // What is wrong with the file is for `check` and `plan` to say.
+    let Ok(plan) = plan::plan(file, &facts, &Selection::default(), Order::default(), 0) else {
+        return;
+    };
+    for answer in answers {
+        let runs_there = |it: &&PlannedScenario| it.runs() && it.host.as_ref() == Some(&answer.name);
+        let scenarios = plan.record.scenarios.iter().filter(runs_there);
+        let bytes = scenarios.map(|it| disk_space::windows_take(&it.settings, it.settings.windows as usize));
+        answer.to_come_bytes = Some(bytes.sum());
+    }
+}
+
+/// All hosts at a glance.
+fn table(answers: &[Answer], catalogue: Catalogue) -> String {
+    let head: Vec<_> = ["host", "machine"]
+        .into_iter()
+        .chain(columns(catalogue))
+        .chain(["vagrant", "spaces", "netem", "rights", "free", "to come", "clock"])
+        .map(str::to_owned)
+        .collect();
+    let count = head.len();
+    let mut rows = vec![head];
+    rows.extend(answers.iter().map(|answer| row(answer, catalogue)));
+    let width = |column: usize| {
+        let cells = rows.iter().filter_map(|row| row.get(column));
+        cells.map(|cell| cell.chars().count()).max().unwrap_or(0)
+    };
+    let widths: Vec<_> = (0..count).map(width).collect();
+    let mut text = String::new();
+    for row in &rows {
+        let cells: Vec<_> = std::iter::zip(row, &widths)
+            .map(|(cell, width)| format!("{cell:width$}"))
+            .collect();
+        let _ = writeln!(text, "{}", cells.join("  ").trim_end());
+    }
+    text
+}
+
+/// The providers with a column of their own.
+fn columns(catalogue: Catalogue) -> impl Iterator<Item = &'static str> {
+    catalogue.kinds().filter(|kind| kind.column).map(|kind| kind.name)
+}
+
+fn row(answer: &Answer, catalogue: Catalogue) -> Vec<String> {
+    let facts = &answer.facts;
+    if facts.obstacle.is_some() {
+        return vec![answer.name.clone(), "not reached, see below".to_owned()];
+    }
+    let yes_or_no = |yes: bool| if yes { "yes" } else { "no" }.to_owned();
+    let works = |name: &str| {
+        let provider = facts.providers.get(name);
+        provider.is_some_and(|it| matches!(it.availability, Availability::Available { .. }))
+    };
+    let machines: Vec<_> = catalogue
+        .kinds()
+        .filter(|kind| kind.vagrant.is_some() && works(kind.name))
+        .map(|kind| kind.name)
+        .collect();
+    let has_netem = facts.providers.get(NATIVE).is_some_and(|native| {
+        native.needs.iter().any(|(need, answer)| {
+            need.to_string() == "network.backend: kernel" && matches!(answer, Availability::Available { .. })
+        })
+    });
+    let has_namespaces = answer.checks.as_ref().is_ok_and(|checks| {
+        let mut networks = checks.iter().filter(|check| check.name == "network");
+        networks.any(|check| check.available)
+    });
+    let standing = answer.standing.as_ref();
+    let said = |text: Option<String>| text.unwrap_or_else(|| "?".to_owned());
+    let mut row = vec![answer.name.clone(), facts.hardware.clone()];
+    row.extend(columns(catalogue).map(|name| yes_or_no(works(name))));
+    row.extend([
+        match machines.is_empty() {
+            true => "no".to_owned(),
+            false => machines.join(" "),
+        },
+        yes_or_no(has_namespaces),
+        yes_or_no(has_netem),
+        said(standing.map(Standing::rights)),
+        said(standing.map(|it| disk_space::in_words(it.free_bytes))),
+        said(answer.to_come_bytes.map(disk_space::in_words)),
+        said(standing.map(Standing::clock)),
+    ]);
+    row
+}
+
+async fn of_this_machine(json: bool, catalogue: Catalogue) -> Result<Exit, CommandError> {
+    let here: Arc<dyn Host> = Arc::new(Here::new(THIS_MACHINE, StateDirectory::of_this_user()));
+    let roster = Roster::new(catalogue, ProviderSettings::default(), [Arc::clone(&here)]);
+    let answer = ask(&here, &roster).await;
+    match answer.checks {
+        Err(error) => Err(CommandError::new(Exit::Infrastructure, &error, error.hint())),
+        Ok(_) if json => {
+            terminal::json(&DoctorDocument::Machine(Box::new(record(&answer))));
+            Ok(Exit::Done)
+        }
+        Ok(_) => {
+            terminal::result(&as_text("this machine", &answer));
+            Ok(Exit::Done)
+        }
+    }
+}
+
+async fn ask(host: &Arc<dyn Host>, roster: &Roster) -> Answer {
+    let name = host.name().to_owned();
+    let mut facts = survey::identity(Arc::clone(host)).await;
+    let defaults = Need::of(&Settings::default());
+    let checks = AgentClient::new(Arc::clone(host)).check(&defaults).await;
+    if facts.obstacle.is_none() {
+        let everything = roster
+            .catalogue()
+            .names()
+            .map(|name| (name.to_owned(), Need::each().into_iter().collect()))
+            .collect();
+        facts.providers = survey::ask(&name, everything, roster).await;
+    }
+    Answer {
+        name,
+        facts,
+        checks: checks.map(|record| record.checks),
+        standing: Standing::of(host).await,
+        to_come_bytes: None,
+    }
+}
+
+fn record(answer: &Answer) -> HostRecord<'_> {
+    let facts = &answer.facts;
+    let standing = answer.standing.as_ref();
+    let providers = facts.providers.iter().map(|(name, provider)| {
+        let settings = provider.needs.iter();
+        let settings =
+            settings.map(|(need, availability)| availability_record(need.to_string(), availability));
+        AvailabilityRecord {
+            settings: Some(settings.collect()),
+            ..availability_record(name.clone(), &provider.availability)
+        }
+    });
+    HostRecord {
+        host: &answer.name,
+        hardware: &facts.hardware,
+        os: &facts.os,
+        kernel: &facts.kernel,
+        obstacle: facts.obstacle.as_ref(),
+        uid: standing.map(|it| it.uid),
+        free_bytes: standing.map(|it| it.free_bytes),
+        to_come_bytes: answer.to_come_bytes,
+        clock_ahead_ms: standing.map(|it| it.clock.ahead_ms),
+        clock_within_ms: standing.map(|it| it.clock.within_ms),
+        checks: answer.checks.as_deref().ok(),
+        providers: providers.collect(),
+    }
+}
+
+fn availability_record(name: String, availability: &Availability) -> AvailabilityRecord<'_> {
+    let (detail, reason, fix) = match availability {
+        Availability::Available { detail } => (Some(detail.as_str()), None, None),
+        Availability::Unavailable { reason, fix } => (None, Some(reason.as_str()), Some(fix.as_deref())),
+    };
+    AvailabilityRecord {
+        name,
+        available: matches!(availability, Availability::Available { .. }),
+        detail,
+        reason,
+        fix,
+        settings: None,
+    }
+}
+
+fn as_text(title: &str, answer: &Answer) -> String {
+    let facts = &answer.facts;
+    if let Some(Obstacle { reason, fix }) = &facts.obstacle {
+        let fix = fix.as_ref().map(|fix| format!("\n  fix: {fix}"));
+        return format!("{title}: {reason}{}\n", fix.unwrap_or_default());
+    }
+    let mut text = format!(
+        "{title}: {}, {}\n\nwhat the experiment needs\n",
+        facts.hardware, facts.os
+    );
+    let checks = match &answer.checks {
+        Ok(checks) => checks.as_slice(),
+        Err(error) => {
+            item(
+                &mut text,
+                "the workload",
+                "no",
+                Some(&with_causes(error)),
+                error.hint().as_deref(),
+            );
+            &[]
+        }
+    };
+    for check in checks {
+        let missing = if check.required {
+            "MISSING"
+        } else {
+            "missing, recorded with the results"
+        };
+        let standing = if check.available { "there" } else { missing };
+        item(
+            &mut text,
+            &check.name,
+            standing,
+            check.reason.as_deref(),
+            check.fix.as_deref(),
+        );
+    }
+    text.push_str("\nwhere it can run\n");
+    for (name, provider) in &facts.providers {
+        place(&mut text, name, &provider.availability);
+        for (need, availability) in &provider.needs {
+            place(&mut text, &format!("  {need}"), availability);
+        }
+    }
+    text
+}
+
+fn place(text: &mut String, name: &str, availability: &Availability) {
+    match availability {
+        Availability::Available { detail } => {
+            let detail = (!detail.is_empty()).then_some(detail.as_str());
+            item(text, name, "yes", detail, None);
+        }
+        Availability::Unavailable { reason, fix } => item(text, name, "no", Some(reason), fix.as_deref()),
+    }
+}
+
+fn item(text: &mut String, name: &str, standing: &str, reason: Option<&str>, fix: Option<&str>) {
+    let reason = reason.map(|reason| format!(": {reason}")).unwrap_or_default();
+    let _ = writeln!(text, "  {name:28} {standing}{reason}");
+    if let Some(fix) = fix {
+        let _ = writeln!(text, "  {:28} fix: {fix}", "");
+    }
+}

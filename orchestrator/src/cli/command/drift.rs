@@ -1,0 +1,304 @@
+//! `matrix drift`: whether what is measured night after night has changed.
+
+use std::{
+    collections::BTreeSet,
+    env, fs, io,
+    path::{Path, PathBuf},
+    time::{Duration, SystemTime},
+};
+
+use clap::Args;
+use record::{causes::with_causes, quantity::Length};
+use reports::drift::{self, Acknowledgements, Drift, Night, Settings, Verdict};
+
+use crate::{
+    cli::{
+        command::{options::OutputArguments, report::unreadable},
+        completion,
+        exit::Exit,
+        terminal::{self, CommandError},
+    },
+    matrix_file,
+};
+
+/// What it takes.
+#[derive(Debug, Args)]
+pub struct DriftArguments {
+    /// A folder of run directories: the newest is judged against all before it.
+    #[arg(required_unless_present = "candidate", conflicts_with_all = ["candidate", "baseline"])]
+    history: Option<PathBuf>,
+    /// Run directories that are known to be good.
+    #[arg(long, value_name = "RUN", num_args = 1.., requires = "candidate", add = completion::runs())]
+    baseline: Vec<PathBuf>,
+    /// The run directory that is judged against them.
+    #[arg(long, value_name = "RUN", requires = "baseline", add = completion::runs())]
+    candidate: Option<PathBuf>,
+    /// The probability, each night, of a false finding among all scenarios and metrics.
+    #[arg(long, value_name = "P", default_value_t = 0.01, value_parser = probability)]
+    alpha: f64,
+    /// A change of the tracking error that is smaller does not matter; else what the newest run's `report.matters` says.
+    #[arg(long, value_name = "LENGTH")]
+    matters: Option<Length>,
+    /// A YAML file of changes that are known; else `drift.yaml` in the folder of run directories, if there is one.
+    #[arg(long, value_name = "FILE")]
+    acknowledged: Option<PathBuf>,
+    /// The newest run must be no older than that, such as `12h`: else nothing is known of tonight, which is too little data.
+    #[arg(long, value_name = "TIME", value_parser = humantime::parse_duration)]
+    within: Option<Duration>,
+    /// Write JUnit's XML there.
+    #[arg(long, value_name = "FILE")]
+    junit: Option<PathBuf>,
+    /// Write the JSON body of a webhook there.
+    #[arg(long, value_name = "FILE")]
+    webhook: Option<PathBuf>,
+    /// Print annotations for GitHub's actions, and append a summary to the file of `GITHUB_STEP_SUMMARY`.
+    #[arg(long, conflicts_with = "json")]
+    github: bool,
+    #[command(flatten)]
+    pub(crate) output: OutputArguments,
+}
+
+fn probability(text: &str) -> Result<f64, String> {
+    text.parse()
+        .ok()
+        .filter(|alpha| *alpha > 0.0 && *alpha < 1.0)
+        .ok_or_else(|| "give a number between 0 and 1, such as 0.01".to_owned())
+}
+
+/// The name of the file with what is known, in a folder of run directories.
+const KNOWN: &str = "drift.yaml";
+
+/// Judges and prints.
+///
+/// # Errors
+/// When a run directory or the file of what is known cannot be read, or a file not be written.
+pub fn execute(arguments: &DriftArguments) -> Result<Exit, CommandError> {
+    // Reading a year of runs takes a while.
+    let begun = SystemTime::now();
+    let Chosen {
+        nights,
+        judge,
+        beside,
+        left_out,
+    } = match &arguments.history {
+        Some(history) => Chosen::of_history(history)?,
+        None => Chosen::to_compare(&arguments.baseline, arguments.candidate.as_ref())?,
+    };
+    see_that_each_is_once(&nights)?;
+    let newest = nights.last();
+    let settings = Settings {
+        alpha: arguments.alpha,
+        matters_m: match arguments.matters {
+            Some(matters) => Some(matters.metres()),
+            None => newest.and_then(|night| night.matters_m),
+        },
+        acknowledgements: known(arguments.acknowledged.as_ref().or(beside.as_ref()))?,
+        ..Settings::default()
+    };
+    let mut found = judge(&nights, &settings);
+    found.remarks.extend(left_out.remarks);
+    if let Some(reason) = left_out.newest {
+        found = found.without_the_night(&reason);
+    }
+    let newest = newest.map(|night| night.created.as_str());
+    let found = match arguments.within {
+        Some(within) if is_older(newest, begun, within) => found.without_the_night(&format!(
+            "the newest run is of {}, more than {} ago",
+            newest.unwrap_or_default(),
+            humantime::format_duration(within)
+        )),
+        _ => found,
+    };
+    tell(arguments, &found)?;
+    Ok(match found.verdict() {
+        Verdict::NoDrift { .. } => Exit::Done,
+        Verdict::Drift => Exit::Drift,
+        Verdict::Invalid { .. } => Exit::InvalidMeasurement,
+        Verdict::TooLittle { .. } => Exit::TooLittleData,
+    })
+}
+
+/// The nights that are judged, and how.
+struct Chosen {
+    /// The one that is judged is the last.
+    nights: Vec<Night>,
+    judge: fn(&[Night], &Settings) -> Drift,
+    /// The file of what is known, beside the run directories.
+    beside: Option<PathBuf>,
+    left_out: LeftOut,
+}
+
+/// Run directories of a history that cannot be read.
+#[derive(Default)]
+struct LeftOut {
+    remarks: Vec<String>,
+    /// Why the newest is one of them.
+    newest: Option<String>,
+}
+
+impl Chosen {
+    /// One run that was killed as it began must not end every night's check: what cannot be read is left out and said, and if it
+    /// is the newest, nothing is known of tonight.
+    fn of_history(folder: &Path) -> Result<Self, CommandError> {
+        let mut nights = Vec::new();
+        let mut left_out = LeftOut::default();
+        for path in runs_in(folder)? {
+            left_out.newest = None;
+            match drift::digest::night_of(&path) {
+                Ok(night) => nights.push(night),
+                Err(error) => {
+                    let what = format!("{} cannot be read: {}", path.display(), with_causes(&error));
+                    left_out
+                        .remarks
+                        .push(format!("left out: {what}; {}", error.hint()));
+                    left_out.newest = Some(format!("the newest run {what}"));
+                }
+            }
+        }
+        Ok(Self {
+            nights: in_order(nights),
+            judge: drift::history::judge,
+            beside: Some(folder.join(KNOWN)).filter(|path| path.exists()),
+            left_out,
+        })
+    }
+
+    fn to_compare(baseline: &[PathBuf], candidate: Option<&PathBuf>) -> Result<Self, CommandError> {
+        let mut nights = in_order(read(baseline)?);
+        nights.extend(read(candidate)?);
+        Ok(Self {
+            nights,
+            judge: drift::baseline::judge,
+            beside: None,
+            left_out: LeftOut::default(),
+        })
+    }
+}
+
+/// A run that is there twice would say that nights differ less than they do, and of itself that nothing changed.
+fn see_that_each_is_once(nights: &[Night]) -> Result<(), CommandError> {
+    let mut seen = BTreeSet::new();
+    match nights.iter().find(|night| !seen.insert(&night.run)) {
+        None => Ok(()),
+        Some(twice) => Err(CommandError {
+            what: format!("the run {} is there twice", twice.run).into(),
+            hint: Some(
+                "give each run once, and none both as baseline and as candidate; of copies in a history remove all but one"
+                    .to_owned(),
+            ),
+            exit: Exit::Wrong,
+        }),
+    }
+}
+
+/// Whether a run was asked for longer ago than that. One of the future was not.
+fn is_older(created: Option<&str>, now: SystemTime, than: Duration) -> bool {
+    let created = created.and_then(|created| humantime::parse_rfc3339(created).ok());
+    created.is_none_or(|created| now.duration_since(created).is_ok_and(|age| age > than))
+}
+
+/// The run directories of a folder.
+fn runs_in(folder: &Path) -> Result<Vec<PathBuf>, CommandError> {
+    let list = || -> io::Result<Vec<PathBuf>> {
+        let mut runs = Vec::new();
+        for entry in fs::read_dir(folder)? {
+            let path = entry?.path();
+            // Other things may lie there, and `latest`, the link to one of them.
+            if !path.is_symlink() && path.join("manifest.json").exists() {
+                runs.push(path);
+            }
+        }
+        runs.sort();
+        Ok(runs)
+    };
+    let runs = list().map_err(|error| {
+        wrong(
+            folder,
+            &error,
+            "give the folder with the run directories, such as `runs`",
+        )
+    })?;
+    match runs.is_empty() {
+        true => Err(CommandError {
+            what: format!("{} has no run directory in it", folder.display()).into(),
+            hint: Some("give the folder with the run directories, such as `runs`".to_owned()),
+            exit: Exit::Wrong,
+        }),
+        false => Ok(runs),
+    }
+}
+
+fn read<'a>(runs: impl IntoIterator<Item = &'a PathBuf>) -> Result<Vec<Night>, CommandError> {
+    runs.into_iter()
+        .map(|path| drift::digest::night_of(path).map_err(|error| unreadable(&error)))
+        .collect()
+}
+
+fn in_order(mut nights: Vec<Night>) -> Vec<Night> {
+    nights.sort_by(|a, b| a.created.cmp(&b.created));
+    nights
+}
+
+/// Reads a file of changes that are known.
+pub(crate) fn acknowledgements(text: &str) -> Result<Acknowledgements, serde_yaml::Error> {
+    serde_yaml::from_str(text)
+}
+
+/// What a file says is known; nothing without one.
+fn known(path: Option<&PathBuf>) -> Result<Acknowledgements, CommandError> {
+    let Some(path) = path else {
+        return Ok(Acknowledgements::default());
+    };
+    const HINT: &str = "docs/drift.md says what stands in it";
+    let text = matrix_file::text_within_limits(path).map_err(CommandError::of_mistakes)?;
+    let known = acknowledgements(&text).map_err(|error| wrong(path, &error, HINT))?;
+    match known.problems().first() {
+        Some(problem) => Err(CommandError {
+            what: format!("{}: {problem}", path.display()).into(),
+            hint: Some(HINT.to_owned()),
+            exit: Exit::Wrong,
+        }),
+        None => Ok(known),
+    }
+}
+
+fn wrong(path: &Path, error: &dyn std::error::Error, hint: &str) -> CommandError {
+    CommandError {
+        what: format!("{}: {error}", path.display()).into(),
+        hint: Some(hint.to_owned()),
+        exit: Exit::Wrong,
+    }
+}
+
+fn tell(arguments: &DriftArguments, found: &Drift) -> Result<(), CommandError> {
+    let write = |path: &Option<PathBuf>, text: String| match path {
+        Some(path) => fs::write(path, text).map_err(|error| unwritable(path, &error)),
+        None => Ok(()),
+    };
+    write(&arguments.junit, found.junit())?;
+    write(&arguments.webhook, format!("{:#}\n", found.webhook()))?;
+    if arguments.github {
+        terminal::verbatim(&found.github_annotations());
+        if let Some(path) = env::var_os("GITHUB_STEP_SUMMARY").map(PathBuf::from) {
+            append(&path, &found.github_summary()).map_err(|error| unwritable(&path, &error))?;
+        }
+    } else if arguments.output.json {
+        terminal::json(&found.json());
+    } else {
+        terminal::result(&found.text());
+    }
+    Ok(())
+}
+
+fn append(path: &Path, text: &str) -> io::Result<()> {
+    let mut file = fs::OpenOptions::new().append(true).create(true).open(path)?;
+    io::Write::write_all(&mut file, text.as_bytes())
+}
+
+fn unwritable(path: &Path, error: &io::Error) -> CommandError {
+    CommandError {
+        what: format!("{} cannot be written: {error}", path.display()).into(),
+        hint: Some("see that its folder is there and has room".to_owned()),
+        exit: Exit::Infrastructure,
+    }
+}

@@ -1,0 +1,36 @@
+//! What several commands take.
+
+use clap::Args;
+
+use crate::{cli::completion, plan::order::Order};
+
+/// Which scenarios, and in which order.
+#[derive(Debug, Clone, Default, Args)]
+pub struct SelectionArguments {
+    /// A profile of the matrix file.
+    #[arg(long, value_name = "NAME", add = completion::profiles())]
+    pub profile: Option<String>,
+    /// Only scenarios that match: a letter, a slug, `axis=value`; `*` and `?` stand for anything. May be repeated.
+    #[arg(long, value_name = "PATTERN", add = completion::scenarios_of_file())]
+    pub only: Vec<String>,
+    /// Not the scenarios that match.
+    #[arg(long, value_name = "PATTERN", add = completion::scenarios_of_file())]
+    pub skip: Vec<String>,
+    /// How scenarios are put in order.
+    #[arg(long, value_enum, value_name = "HOW", default_value = "randomised")]
+    pub order: Order,
+    /// Seed of the order in which scenarios run.
+    #[arg(long, value_name = "N", default_value_t = 0)]
+    pub seed: u64,
+}
+
+/// How to say it.
+#[derive(Debug, Clone, Copy, Default, Args)]
+pub struct OutputArguments {
+    /// Print the result as JSON.
+    #[arg(long)]
+    pub json: bool,
+    /// Print nothing but the result and errors.
+    #[arg(long)]
+    pub quiet: bool,
+}

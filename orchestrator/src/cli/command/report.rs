@@ -1,0 +1,275 @@
+//! `matrix report RUN…`: tables and figures, at any time, from run directories alone.
+
+use std::{
+    error::Error,
+    fs,
+    path::{Path, PathBuf},
+};
+
+use clap::Args;
+use record::{
+    report_settings::ReportSettings,
+    run_directory::{Place, PlannedScenario, ReadError, RunDirectory},
+};
+use reports::{
+    Run,
+    analysis::combination::{Repeated, combine},
+    redaction::Redaction,
+};
+
+use crate::{
+    cli::{
+        command::options::OutputArguments,
+        completion,
+        exit::Exit,
+        session,
+        terminal::{self, CommandError},
+    },
+    matrix_file::{Diagnostics, ReportOption},
+};
+
+/// What it takes.
+#[derive(Debug, Default, Args)]
+pub struct ReportArguments {
+    /// The run directory. Several of the same experiment are reported as one matrix.
+    #[arg(required = true, value_name = "RUN", add = completion::runs())]
+    runs: Vec<PathBuf>,
+    /// Where the report goes: a folder that is not there yet, or has a report in it. The run directory's `report` when left
+    /// out; of several runs it must be given.
+    #[arg(long = "output", value_name = "DIR")]
+    into: Option<PathBuf>,
+    /// Have what several runs measured of the same scenario as scenarios of their own, by an axis `run`.
+    #[arg(long)]
+    by_run: bool,
+    /// Put other names in the place of those of hosts and users, and leave command lines out.
+    #[arg(long)]
+    redact: bool,
+    /// With `--redact`: another name to go. May be repeated.
+    #[arg(long, value_name = "NAME", requires = "redact")]
+    also: Vec<String>,
+    /// Another level than the matrix file's.
+    #[arg(long)]
+    alpha: Option<String>,
+    /// Another metric than the matrix file's: mean-abs-sum, mean-abs-x, mean-abs-y, mean-distance, root-mean-square.
+    #[arg(long)]
+    metric: Option<String>,
+    /// The positions that the error is of: received (by the controller), true-position (by the plant's log).
+    #[arg(long, value_name = "POSITIONS")]
+    error: Option<String>,
+    /// Another way to p-values than the matrix file's: exact, asymptotic, paper.
+    #[arg(long)]
+    method: Option<String>,
+    /// Another number of first periods to leave out than the matrix file's.
+    #[arg(long, value_name = "N")]
+    discard_periods: Option<String>,
+    /// What to do about windows that warm up for longer: flag, cut.
+    #[arg(long, value_name = "WHAT")]
+    warm_up: Option<String>,
+    /// Other experimental controls than the matrix file's, by axis values: `{virtualization: native}`.
+    #[arg(long, value_name = "VALUES")]
+    control: Option<String>,
+    /// Another family than the matrix file's: all, against-controls, same-platform, or pairs such as `[[a, b]]`.
+    #[arg(long)]
+    family: Option<String>,
+    /// Other pairs to draw than the matrix file's, and of which windows: `[[b, h], [d/1, f/2]]`. As all of these it is spelt
+    /// as the matrix file spells it.
+    #[arg(long, value_name = "PAIRS")]
+    figures: Option<String>,
+    #[command(flatten)]
+    pub(crate) output: OutputArguments,
+}
+
+impl ReportArguments {
+    /// What is asked to differ in how samples are taken and compared.
+    fn of_samples(&self) -> [(ReportOption, &Option<String>); 6] {
+        [
+            (ReportOption::ALPHA, &self.alpha),
+            (ReportOption::METRIC, &self.metric),
+            (ReportOption::ERROR, &self.error),
+            (ReportOption::METHOD, &self.method),
+            (ReportOption::DISCARD_PERIODS, &self.discard_periods),
+            (ReportOption::WARM_UP, &self.warm_up),
+        ]
+    }
+
+    /// What is asked to differ in which scenarios are compared. It names those of the whole, where several runs make one.
+    fn of_scenarios(&self) -> [(ReportOption, &Option<String>); 3] {
+        [
+            (ReportOption::CONTROL, &self.control),
+            (ReportOption::FAMILY, &self.family),
+            (ReportOption::FIGURES, &self.figures),
+        ]
+    }
+
+    /// The run's settings with these in their place.
+    fn settings<'a>(
+        &self,
+        run: &Run,
+        options: impl IntoIterator<Item = (ReportOption, &'a Option<String>)>,
+    ) -> Result<ReportSettings, CommandError> {
+        let scenarios: Vec<PlannedScenario> = run.scenarios.iter().map(|it| it.planned.clone()).collect();
+        let mut settings = run.manifest.report.clone();
+        let mut warnings = Diagnostics::new();
+        let mut wrong = Diagnostics::new();
+        let given = options.into_iter();
+        let given = given.filter_map(|(option, text)| Some((option, text.as_deref()?)));
+        for (option, text) in given {
+            match option.apply(text, &settings, &scenarios) {
+                Ok((with_it, odd)) => {
+                    settings = with_it;
+                    warnings.extend(odd);
+                }
+                Err(found) => wrong.extend(found),
+            }
+        }
+        if wrong.has_errors() {
+            return Err(CommandError::of_mistakes(wrong));
+        }
+        if !warnings.is_empty() && !self.output.quiet {
+            terminal::mistakes(&warnings);
+        }
+        Ok(settings)
+    }
+}
+
+/// Makes and prints the report.
+///
+/// # Errors
+/// When a run directory cannot be read, runs do not fit together or the report folder cannot be written.
+pub fn execute(arguments: &ReportArguments) -> Result<Exit, CommandError> {
+    let mut run = read(arguments)?;
+    if let Some(folder) = &arguments.into {
+        see_that_a_report_may_go_there(folder)?;
+        run.report_folder = Place::root(folder);
+    }
+    let options = arguments.of_samples().into_iter().chain(arguments.of_scenarios());
+    let settings = arguments.settings(&run, options)?;
+    let report = reports::analyse(&run, reports::input::traffic::read(&run), &settings);
+    reports::write(&run, &report)
+        .map_err(|error| CommandError::new(Exit::Infrastructure, &error, Some(error.hint().to_owned())))?;
+    if arguments.output.json {
+        terminal::json(&report.present().json());
+    } else {
+        terminal::result(&report.present().markdown());
+    }
+    Ok(Exit::Done)
+}
+
+/// The run that is to be reported, put together where there are several, with the settings that it is to be reported by.
+fn read(arguments: &ReportArguments) -> Result<Run, CommandError> {
+    if arguments.runs.len() > 1 && arguments.into.is_none() {
+        return Err(wrong(
+            "several runs have no report folder in common".to_owned(),
+            "say where their report goes: `--output DIR`",
+        ));
+    }
+    // Before anything else: logs are read for it.
+    let error = match &arguments.error {
+        None => None,
+        Some(text) => Some(
+            ReportOption::ERROR
+                .apply(text, &ReportSettings::default(), &[])
+                .map_err(CommandError::of_mistakes)?
+                .0
+                .error,
+        ),
+    };
+    let load = |path: &PathBuf| {
+        let mut run = reports::load_by(path, error).map_err(|error| unreadable(&error))?;
+        // What the call says settles what several runs declared otherwise.
+        if arguments.runs.len() > 1 {
+            run.manifest.report = arguments.settings(&run, arguments.of_samples())?;
+        }
+        Ok(run)
+    };
+    let mut runs: Vec<Run> = arguments
+        .runs
+        .iter()
+        .map(load)
+        .collect::<Result<_, CommandError>>()?;
+    let redaction = match arguments.redact {
+        true => Some(redaction(&arguments.runs, &arguments.also)?),
+        false => None,
+    };
+    let repeated = match arguments.by_run {
+        true => Repeated::Distinguished,
+        false => Repeated::Refused,
+    };
+    let run = match (runs.pop(), runs.is_empty()) {
+        (Some(only), true) => only,
+        (last, _) => {
+            runs.extend(last);
+            combine(runs, repeated)
+                .map_err(|misfits| CommandError::new(Exit::Wrong, &misfits, misfits.hint()))?
+        }
+    };
+    match redaction {
+        None => Ok(run),
+        Some(redaction) => run
+            .redacted(&redaction)
+            .map_err(|error| word_of_the_format(&error)),
+    }
+}
+
+/// A folder of somebody else's is never written into: what a report does not have is removed there.
+fn see_that_a_report_may_go_there(folder: &Path) -> Result<(), CommandError> {
+    let is_empty = || fs::read_dir(folder).is_ok_and(|mut entries| entries.next().is_none());
+    if !folder.exists() || is_empty() || reports::is_report_folder(&Place::root(folder)) {
+        return Ok(());
+    }
+    Err(wrong(
+        format!("{} is there and has no report of matrix in it", folder.display()),
+        "name a folder that is not there yet",
+    ))
+}
+
+fn wrong(what: String, hint: &str) -> CommandError {
+    CommandError {
+        what: what.into(),
+        hint: Some(hint.to_owned()),
+        exit: Exit::Wrong,
+    }
+}
+
+/// What is to be replaced in runs, the same names in all of them.
+///
+/// # Errors
+/// When one cannot be read.
+pub(super) fn redaction(runs: &[PathBuf], also: &[String]) -> Result<Redaction, CommandError> {
+    let directories: Vec<RunDirectory> = runs.iter().map(RunDirectory::new).collect();
+    Redaction::of(&directories, also).map_err(|error| unreadable(&error))
+}
+
+/// A redacted run that cannot be read any more.
+pub(super) fn word_of_the_format(error: &dyn Error) -> CommandError {
+    let hint = "a name that was replaced is a word of the run directory's own: give it without `--also`, or rename the host";
+    CommandError::new(Exit::Wrong, error, Some(hint.to_owned()))
+}
+
+/// The report at the end of a run, with what there is; keeps the run's exit code.
+///
+/// # Errors
+/// When the report cannot be made.
+pub fn after_run(
+    directory: &RunDirectory,
+    exit: Exit,
+    output: OutputArguments,
+) -> Result<Exit, CommandError> {
+    execute(&ReportArguments {
+        runs: vec![directory.path().to_owned()],
+        output,
+        ..ReportArguments::default()
+    })?;
+    if !output.quiet {
+        terminal::remark(&format!("run directory: {}", directory.path().display()));
+        if exit != Exit::Done {
+            terminal::remark(&session::how_to_go_on(directory.path()));
+        }
+    }
+    Ok(exit)
+}
+
+/// A run directory that cannot be read.
+pub(super) fn unreadable(error: &ReadError) -> CommandError {
+    CommandError::new(Exit::Wrong, error, Some(error.hint()))
+}

@@ -1,0 +1,164 @@
+//! `matrix shell SCENARIO`: a shell in an environment that was kept (`--keep`), or that a crash left.
+
+use std::{
+    os::unix::process::CommandExt as _,
+    path::{Path, PathBuf},
+};
+
+use clap::Args;
+use record::run_directory::{PlannedScenario, RunDirectory};
+
+use crate::{
+    cli::{
+        completion,
+        exit::Exit,
+        terminal::{self, CommandError},
+    },
+    lease,
+    provider::{Catalogue, Fleet as _, ProviderError},
+    run::{
+        recorded::{RecordedRun, newest_first},
+        state::ScenarioState,
+    },
+};
+
+/// What it takes.
+#[derive(Debug, Args)]
+pub struct ShellArguments {
+    /// The scenario, by its letter or its name.
+    #[arg(add = completion::scenarios_to_enter())]
+    scenario: String,
+    /// The run directory; otherwise the newest in `runs/` that has kept an environment of that scenario.
+    #[arg(long, value_name = "RUN", add = completion::runs())]
+    run: Option<PathBuf>,
+    /// Print the command and do not run it.
+    #[arg(long)]
+    print: bool,
+}
+
+/// Becomes the shell.
+///
+/// # Errors
+/// When there is no such environment, something is measured in it, or its platform has no shell for it.
+pub async fn execute(arguments: &ShellArguments, catalogue: Catalogue) -> Result<Exit, CommandError> {
+    let Left {
+        recorded,
+        planned,
+        environment,
+        kept,
+    } = find(arguments)?;
+    let roster = recorded.roster(catalogue)?;
+    let infrastructure = |error: ProviderError| {
+        let hint = error.hint();
+        CommandError::new(Exit::Infrastructure, &error, hint)
+    };
+    let provider = roster.provider(&planned).map_err(infrastructure)?;
+    let leftovers = provider.leftovers().await.map_err(infrastructure)?;
+    let mut ours = leftovers.iter().filter(|it| it.resource.name == environment);
+    let Some(leftover) = ours.next() else {
+        return Err(wrong(
+            format!("{environment} does not exist any more"),
+            "`matrix clean` or somebody else removed it",
+        ));
+    };
+    if !kept && leftover.running {
+        return Err(wrong(
+            format!("{environment} may still be measuring, which a shell would disturb"),
+            "`matrix resume` goes on with it",
+        ));
+    }
+    let program = provider.shell(&environment).await.map_err(infrastructure)?;
+    let host = roster
+        .host(planned.host.as_deref().unwrap_or_default())
+        .map_err(infrastructure)?;
+    let mut command = host.terminal(&program);
+    if arguments.print {
+        let words = std::iter::once(command.get_program()).chain(command.get_args());
+        terminal::result(&format!("{}\n", crate::escaping::quoted(words)));
+        return Ok(Exit::Done);
+    }
+    // Only comes back when it could not become it.
+    let error = command.exec();
+    Err(CommandError {
+        what: format!("cannot start {}: {error}", command.get_program().display()).into(),
+        hint: None,
+        exit: Exit::Infrastructure,
+    })
+}
+
+/// An environment that can be entered.
+struct Left {
+    recorded: RecordedRun,
+    planned: PlannedScenario,
+    environment: String,
+    /// Whether it was left by a wish, and not by a crash.
+    kept: bool,
+}
+
+fn find(arguments: &ShellArguments) -> Result<Left, CommandError> {
+    let wanted = &arguments.scenario;
+    if let Some(run) = &arguments.run {
+        let directory = RecordedRun::directory(run)?;
+        return match look(&directory, wanted)? {
+            Some(left) => Ok(left),
+            None => Err(nothing_kept(wanted, &format!("in {}", run.display()))),
+        };
+    }
+    for run in newest_first(Path::new("runs")) {
+        // What is no run directory, or one of another version, is passed by.
+        let found = RecordedRun::directory(&run)
+            .map_err(CommandError::from)
+            .and_then(|directory| look(&directory, wanted));
+        if let Ok(Some(left)) = found {
+            return Ok(left);
+        }
+    }
+    Err(nothing_kept(wanted, "in `runs/`"))
+}
+
+fn nothing_kept(wanted: &str, place: &str) -> CommandError {
+    wrong(
+        format!("no environment of a scenario `{wanted}` was kept {place}"),
+        "`matrix run --keep always` keeps them; `--run RUN` names another run directory",
+    )
+}
+
+fn wrong(what: String, hint: &str) -> CommandError {
+    CommandError {
+        what: what.into(),
+        hint: Some(hint.to_owned()),
+        exit: Exit::Wrong,
+    }
+}
+
+/// The environment of a scenario of a run that can be entered, if there is one.
+fn look(directory: &RunDirectory, wanted: &str) -> Result<Option<Left>, CommandError> {
+    let recorded = RecordedRun::read(directory)?;
+    let is_it = |planned: &&PlannedScenario| planned.id == *wanted || planned.slug == *wanted;
+    let Some(planned) = recorded.plan.scenarios.iter().find(is_it).cloned() else {
+        return Ok(None);
+    };
+    let ScenarioState { kept, open, .. } = recorded.state.scenario(&planned.slug);
+    // Names end with the number of the attempt.
+    let attempt = |name: &String| {
+        name.rsplit('-')
+            .next()
+            .and_then(|number| number.parse::<u32>().ok())
+    };
+    let left = match kept.into_iter().max_by_key(attempt) {
+        Some(environment) => Some((environment, true)),
+        None if lease::is_held(&directory.lock()) => {
+            return Err(wrong(
+                format!("the run {} goes on", directory.path().display()),
+                "what is measured there would be disturbed: wait for it, or end it with Ctrl-C",
+            ));
+        }
+        None => open.map(|open| (open.environment, false)),
+    };
+    Ok(left.map(|(environment, kept)| Left {
+        recorded,
+        planned,
+        environment,
+        kept,
+    }))
+}

@@ -1,0 +1,256 @@
+//! `matrix status RUN`: where a run stands, from its journal, and with `--verify` whether its files are as they were written.
+
+use std::path::{Path, PathBuf};
+
+use clap::Args;
+use record::run_directory::{PlannedScenario, RunDirectory};
+use reports::input::verification::{Verification, verify};
+use schemars::JsonSchema;
+use serde::Serialize;
+
+use super::report::unreadable;
+use crate::{
+    cli::{
+        command::options::OutputArguments,
+        completion,
+        exit::Exit,
+        terminal::{self, CommandError},
+    },
+    disk_space, escaping, lease,
+    run::{recorded::RecordedRun, state::ScenarioState},
+};
+
+/// What it takes.
+#[derive(Debug, Args)]
+pub struct StatusArguments {
+    /// The run directory.
+    #[arg(add = completion::runs())]
+    run: PathBuf,
+    /// Read every file that has a checksum, captures too, and list those that are damaged.
+    #[arg(long)]
+    verify: bool,
+    #[command(flatten)]
+    pub(crate) output: OutputArguments,
+}
+
+/// Where a run stands.
+#[derive(Debug, Serialize, JsonSchema)]
+#[schemars(title = "matrix status --json")]
+pub struct StatusDocument<'a> {
+    /// The run's name.
+    run: &'a str,
+    /// Whether a `matrix` works on it now.
+    live: bool,
+    /// Whether nothing is left to measure.
+    finished: bool,
+    /// Every scenario of the plan, in letter order.
+    scenarios: Vec<ScenarioRecord<'a>>,
+    /// Whether the files are as they were written; null without `--verify`.
+    verified: Option<VerifiedRecord<'a>>,
+}
+
+/// Where a scenario stands.
+#[derive(Debug, Serialize, JsonSchema)]
+struct ScenarioRecord<'a> {
+    /// Its letter.
+    id: &'a str,
+    /// Its name in files.
+    slug: &'a str,
+    /// Whether it can run.
+    feasible: bool,
+    /// `completed`, `failed`, `errored`, `interrupted`, `infeasible`, `not selected`, `running`, `left behind` (its environment
+    /// may exist, and no `matrix` works on the run) or `waiting`.
+    state: &'static str,
+    /// Why, where there is a reason.
+    reason: Option<&'a str>,
+    /// Windows that are planned.
+    windows: u32,
+    /// Windows that are measured, collected or not.
+    windows_complete: usize,
+    /// Windows that are in the run directory.
+    windows_collected: usize,
+    /// For how long its workload has reported nothing, in seconds; null if it reports, or if the run is not live.
+    silent_for_s: Option<u64>,
+    /// The environment that exists or may exist; null if none does.
+    environment: Option<&'a str>,
+}
+
+/// Whether the files of a run directory are as they were written.
+#[derive(Debug, Serialize, JsonSchema)]
+struct VerifiedRecord<'a> {
+    /// Files that were read.
+    files: u64,
+    /// Their size together, in bytes.
+    bytes: u64,
+    /// Whether the journal has checksums of itself and of the other files; `false` for runs of earlier versions.
+    checked: bool,
+    /// The files that are not as they were written.
+    damaged: Vec<DamagedRecord<'a>>,
+}
+
+/// A file that is not as it was written.
+#[derive(Debug, Serialize, JsonSchema)]
+struct DamagedRecord<'a> {
+    /// Where it is in the run directory.
+    file: &'a Path,
+    /// How the damage shows.
+    what: &'a str,
+}
+
+/// Prints it.
+///
+/// # Errors
+/// When the run directory cannot be read, or is to be verified while it is being measured.
+pub fn execute(arguments: &StatusArguments) -> Result<Exit, CommandError> {
+    let directory = RunDirectory::new(&arguments.run);
+    let recorded = RecordedRun::read(&directory)?;
+    let live = lease::is_held(&directory.lock());
+    let found = recorded.state_in(&directory);
+    let verified = match arguments.verify {
+        true => Some(verification(&directory, live)?),
+        false => None,
+    };
+    let is_damaged = verified.as_ref().is_some_and(|it| !it.damaged.is_empty());
+    let exit = if is_damaged { Exit::Wrong } else { Exit::Done };
+    let rows: Vec<(&PlannedScenario, ScenarioState)> = recorded
+        .plan
+        .scenarios
+        .iter()
+        .map(|planned| (planned, found.scenario(&planned.slug)))
+        .collect();
+    // Of an errored scenario windows are missing although the journal says that the run ended.
+    let finished = rows
+        .iter()
+        .all(|(planned, state)| !planned.runs() || state.is_settled());
+    if arguments.output.json {
+        let scenarios = rows.iter().map(|(planned, state)| ScenarioRecord {
+            id: &planned.id,
+            slug: &planned.slug,
+            feasible: planned.feasible,
+            state: word(planned, state, live),
+            reason: planned.reason.as_deref().or(state.reason.as_deref()),
+            windows: planned.settings.windows,
+            windows_complete: state.complete().len(),
+            windows_collected: state.collected.len(),
+            silent_for_s: state.silent_for_s.filter(|_| live),
+            environment: state.open.as_ref().map(|open| open.environment.as_str()),
+        });
+        terminal::json(&StatusDocument {
+            run: &recorded.manifest.run,
+            live,
+            finished,
+            scenarios: scenarios.collect(),
+            verified: verified.as_ref().map(record),
+        });
+        return Ok(exit);
+    }
+    let mut text = format!(
+        "run {}{}\n",
+        recorded.manifest.run,
+        if live { ", live" } else { "" }
+    );
+    for (planned, state) in &rows {
+        let reason = planned.reason.as_ref().or(state.reason.as_ref());
+        let silent = state
+            .silent_for_s
+            .filter(|_| live)
+            .map(|for_s| format!(", nothing was heard of the workload for {for_s} s or more"));
+        text.push_str(&format!(
+            "  {} {}: {}, {} of {} windows{}{}{}\n",
+            planned.id,
+            planned.slug,
+            word(planned, state, live),
+            state.collected.len(),
+            planned.settings.windows,
+            silent.unwrap_or_default(),
+            not_collected(state),
+            reason.map(|reason| format!(": {reason}")).unwrap_or_default(),
+        ));
+    }
+    if !live && !finished {
+        text.push_str(&format!(
+            "not finished: `matrix resume {}` goes on\n",
+            escaping::pasted(&arguments.run)
+        ));
+    }
+    if let Some(verified) = &verified {
+        text.push_str(&as_text(verified, &arguments.run));
+    }
+    terminal::result(&text);
+    Ok(exit)
+}
+
+/// Reads all of the run directory, unless that would disturb what is being measured.
+fn verification(directory: &RunDirectory, live: bool) -> Result<Verification, CommandError> {
+    if live {
+        return Err(CommandError {
+            what: format!("{} is being worked on", directory.path().display()).into(),
+            hint: Some(
+                "reading all of it would disturb what is measured: verify it when it has ended".to_owned(),
+            ),
+            exit: Exit::Infrastructure,
+        });
+    }
+    verify(directory).map_err(|error| unreadable(&error))
+}
+
+fn record(verified: &Verification) -> VerifiedRecord<'_> {
+    let damaged = verified.damaged.iter().map(|damage| DamagedRecord {
+        file: &damage.file,
+        what: &damage.what,
+    });
+    VerifiedRecord {
+        files: verified.files,
+        bytes: verified.bytes,
+        checked: verified.is_checked,
+        damaged: damaged.collect(),
+    }
+}
+
+fn as_text(verified: &Verification, run: &Path) -> String {
+    let size = disk_space::in_words(verified.bytes);
+    let mut text = match verified.damaged.len() {
+        0 => format!(
+            "verified: {} files, {size}, all as they were written\n",
+            verified.files
+        ),
+        damaged => format!("verified: {} files, {size}, {damaged} DAMAGED\n", verified.files),
+    };
+    for damage in &verified.damaged {
+        text.push_str(&format!("  {}: {}\n", damage.file.display(), damage.what));
+    }
+    if !verified.is_checked {
+        text.push_str(
+            "  recorded by an earlier version of matrix, without checksums of the manifest, plan, journal, environments and \
+             window records: these are not verified\n",
+        );
+    }
+    if !verified.damaged.is_empty() {
+        text.push_str(&format!(
+            "restore them from a copy; or `matrix resume {}` measures windows again that are damaged\n",
+            escaping::pasted(run)
+        ));
+    }
+    text
+}
+
+/// Windows that are measured and still where they were measured, in words.
+fn not_collected(state: &ScenarioState) -> String {
+    match state.complete().len() - state.collected.len() {
+        0 => String::new(),
+        more => format!(", {more} more measured and not collected yet"),
+    }
+}
+
+fn word(planned: &PlannedScenario, state: &ScenarioState, live: bool) -> &'static str {
+    if planned.not_selected.is_some() {
+        return "not selected";
+    }
+    match (planned.feasible, state.outcome, &state.open) {
+        (false, ..) => "infeasible",
+        (true, Some(outcome), _) => outcome.name(),
+        (true, None, Some(_)) if live => "running",
+        (true, None, Some(_)) => "left behind",
+        (true, None, None) => "waiting",
+    }
+}

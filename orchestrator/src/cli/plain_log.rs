@@ -1,0 +1,179 @@
+//! One plain line an event, for pipes, files and CI. The main type is [`PlainLog`].
+
+use std::io::Write;
+
+use record::{progress::Progress, run_directory::Event};
+
+use crate::{escaping, observer::Observer};
+
+/// Writes a line for each event that a person wants to know of.
+pub struct PlainLog<W>(W);
+
+impl<W: Write + Send> PlainLog<W> {
+    /// Writes to `out`. A reader that went away is no reason to stop measuring.
+    pub fn new(out: W) -> Self {
+        Self(out)
+    }
+}
+
+impl<W: Write + Send> Observer for PlainLog<W> {
+    fn observe(&mut self, event: &Event) {
+        if let Some(line) = line(event) {
+            // The journal has it, whether or not anybody reads this.
+            let _ = writeln!(self.0, "{line}").and_then(|()| self.0.flush());
+        }
+    }
+}
+
+/// The line for an event, whatever is in it; none for what only machines care for.
+#[must_use]
+pub fn line(event: &Event) -> Option<String> {
+    words(event).map(|words| escaping::harmless_line(&words))
+}
+
+fn words(event: &Event) -> Option<String> {
+    Some(match event {
+        Event::RunStarted { resumed: true, .. } => "run: going on".to_owned(),
+        Event::RunStarted { .. }
+        | Event::EnvironmentRecorded { .. }
+        | Event::EnvironmentDiscarding { .. } => {
+            return None;
+        }
+        Event::HostBusy { host, holder } => format!("{host}: waiting, held by {holder}"),
+        Event::ScenarioStarted { scenario, windows } => format!("{scenario}: windows {}", list(windows)),
+        Event::EnvironmentCreating {
+            scenario,
+            provider,
+            environment,
+            ..
+        } => {
+            format!("{scenario}: creating {provider} environment {environment}")
+        }
+        Event::EnvironmentCreated { scenario, .. } => format!("{scenario}: environment is up"),
+        Event::EnvironmentFound {
+            scenario,
+            environment,
+            running,
+        } => {
+            // Whether it gets on is known when it says so.
+            let doing = if *running { "has not ended" } else { "has ended" };
+            format!("{scenario}: found {environment} again, its workload {doing}")
+        }
+        Event::Workload { scenario, progress } => format!("{scenario}: {}", said(progress)?),
+        Event::WorkloadSilent { scenario, for_s } => {
+            format!(
+                "{scenario}: nothing was heard of the workload for {for_s} s: it, its host or its engine stands still"
+            )
+        }
+        Event::WorkloadHeard { scenario, after_s } => {
+            format!("{scenario}: the workload was heard of again after {after_s} s")
+        }
+        Event::WindowCollected {
+            scenario,
+            window,
+            verdict,
+            ..
+        } => {
+            format!("{scenario}: window {window} collected, {}", verdict.name())
+        }
+        Event::WindowBroken {
+            scenario,
+            window,
+            reason,
+            ..
+        } => {
+            format!("{scenario}: window {window} broke and is kept aside: {reason}")
+        }
+        Event::EnvironmentDiscarded { scenario, .. } => format!("{scenario}: environment discarded"),
+        Event::EnvironmentKept {
+            scenario,
+            environment,
+        } => {
+            format!(
+                "{scenario}: {environment} is kept: `matrix shell {scenario}` enters it, `matrix clean` removes it"
+            )
+        }
+        Event::ScenarioFinished {
+            scenario,
+            outcome,
+            reason,
+            hint,
+        } => {
+            let mut line = format!("{scenario}: {}", outcome.name());
+            for part in [reason, hint].into_iter().flatten() {
+                line.push_str(": ");
+                line.push_str(part);
+            }
+            line
+        }
+        Event::RunFinished => "run: finished".to_owned(),
+        Event::RunInterrupted => "run: interrupted".to_owned(),
+    })
+}
+
+fn said(progress: &Progress) -> Option<String> {
+    Some(match progress {
+        Progress::Started { .. } | Progress::Health { .. } => return None,
+        Progress::NetworkUp => "virtual hosts are linked".to_owned(),
+        Progress::Connected => "controller and plant are connected".to_owned(),
+        Progress::Rehearsing { .. } => "nothing is measured".to_owned(),
+        Progress::Notice { host, text } => format!("{host}: {text}"),
+        Progress::Measuring { window } => format!("measuring window {window}"),
+        Progress::WindowComplete { window, verdict } => {
+            format!("window {window} complete, {}", verdict.name())
+        }
+        Progress::PlatformChanged { changes } => {
+            let changes: Vec<String> = changes.iter().map(ToString::to_string).collect();
+            format!(
+                "the platform changed while it was measured: {}",
+                changes.join("; ")
+            )
+        }
+        Progress::Stopped { window } => format!("stopped in window {window}"),
+        Progress::Finished => "all windows measured".to_owned(),
+        Progress::Failed { reason, .. } => format!("failed: {reason}"),
+    })
+}
+
+fn list(windows: &[u32]) -> String {
+    windows.iter().map(u32::to_string).collect::<Vec<_>>().join(", ")
+}
+
+#[cfg(test)]
+mod tests {
+    use record::run_directory::Outcome;
+
+    use super::*;
+
+    #[test]
+    fn an_errored_scenario_is_told_with_its_reason_and_what_to_do() {
+        let event = Event::ScenarioFinished {
+            scenario: "x86-64-debian-12-docker".into(),
+            outcome: Outcome::Errored,
+            reason: Some("no space left".into()),
+            hint: Some("make room".into()),
+        };
+        assert_eq!(
+            line(&event).unwrap(),
+            "x86-64-debian-12-docker: errored: no space left: make room"
+        );
+    }
+
+    #[test]
+    fn health_is_not_a_line() {
+        let progress = Progress::Health {
+            window: 1,
+            steps_done: 1,
+            steps_expected: 2,
+            missed_deadlines: 0,
+            worst_lateness_ns: 0,
+        };
+        assert_eq!(
+            line(&Event::Workload {
+                scenario: "s".into(),
+                progress
+            }),
+            None
+        );
+    }
+}

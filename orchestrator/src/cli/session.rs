@@ -1,0 +1,154 @@
+//! A run as a person or a pipe follows it: signals, what is shown, and the exit code. The main function is [`carry_out`].
+
+use std::{
+    io::IsTerminal as _,
+    path::{Path, PathBuf},
+};
+
+use record::run_directory::{Manifest, Outcome, PlanRecord, RunDirectory};
+use tokio::signal::unix::{SignalKind, signal};
+
+use super::{
+    exit::Exit,
+    plain_log::PlainLog,
+    progress_bars::ProgressBars,
+    terminal::{self, CommandError},
+};
+use crate::{
+    escaping,
+    observer::Observer,
+    provider::Roster,
+    run::{
+        keep::Keep,
+        recorded::RecordedRunError,
+        session::{self, LockError, SessionError, Wishes},
+        state::RunState,
+        stop::{self, StopSwitch},
+    },
+};
+
+/// How a run is shown while it runs.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Show {
+    /// Bars on a terminal, lines elsewhere.
+    Progress,
+    /// Nothing.
+    Nothing,
+}
+
+/// What the command line says of how a run is carried out.
+#[derive(Debug, Clone, Copy)]
+pub struct RunOptions {
+    /// Whether it goes on with an earlier start.
+    pub resumed: bool,
+    /// How it is shown.
+    pub show: Show,
+    /// Which environments stay.
+    pub keep: Keep,
+}
+
+/// Carries out what is left to do of a plan, from `state` on; how it ended, as an exit code. The first Ctrl-C or SIGTERM asks the
+/// run to stop.
+///
+/// # Errors
+/// When the run cannot go on.
+pub async fn carry_out(
+    directory: &RunDirectory,
+    manifest: &Manifest,
+    plan: &PlanRecord,
+    roster: &Roster,
+    state: RunState,
+    options: RunOptions,
+) -> Result<Exit, CommandError> {
+    let (switch, stop) = stop::stop_switch();
+    tokio::spawn(listen(switch, directory.path().to_owned()));
+    let wishes = Wishes {
+        resumed: options.resumed,
+        keep: options.keep,
+        observers: observers(plan, options.show),
+        stop,
+    };
+    let state = session::carry_out(directory, manifest, plan, roster, state, wishes).await?;
+    Ok(exit(&state, plan))
+}
+
+impl From<SessionError> for CommandError {
+    fn from(error: SessionError) -> Self {
+        Self::new(Exit::Infrastructure, &error, error.hint())
+    }
+}
+
+impl From<LockError> for CommandError {
+    fn from(error: LockError) -> Self {
+        Self::new(Exit::Infrastructure, &error, error.hint())
+    }
+}
+
+impl From<RecordedRunError> for CommandError {
+    fn from(error: RecordedRunError) -> Self {
+        let exit = match error {
+            RecordedRunError::Create { .. } => Exit::Infrastructure,
+            _ => Exit::Wrong,
+        };
+        Self::new(exit, &error, Some(error.hint()))
+    }
+}
+
+fn observers(plan: &PlanRecord, show: Show) -> Vec<Box<dyn Observer>> {
+    match show {
+        Show::Nothing => Vec::new(),
+        Show::Progress if std::io::stderr().is_terminal() => vec![Box::new(ProgressBars::new(plan))],
+        Show::Progress => vec![Box::new(PlainLog::new(std::io::stderr()))],
+    }
+}
+
+/// The first Ctrl-C or SIGTERM asks to stop in order; the second leaves at once, with everything as it is.
+async fn listen(switch: StopSwitch, directory: PathBuf) {
+    let (Ok(mut interrupt), Ok(mut terminate)) =
+        (signal(SignalKind::interrupt()), signal(SignalKind::terminate()))
+    else {
+        return;
+    };
+    for first in [true, false] {
+        tokio::select! {
+            _ = interrupt.recv() => {}
+            _ = terminate.recv() => {}
+        }
+        if first {
+            switch.request();
+            terminal::remark("stopping: complete windows are collected; once more to leave at once");
+        } else {
+            terminal::remark(&how_to_go_on(&directory));
+            std::process::exit(i32::from(Exit::Interrupted.code()));
+        }
+    }
+}
+
+/// How to go on with a run, and how to clean up after it.
+#[must_use]
+pub fn how_to_go_on(directory: &Path) -> String {
+    format!(
+        "`matrix resume {}` goes on, `matrix clean` removes what is left behind",
+        escaping::pasted(directory)
+    )
+}
+
+/// The exit code of a run, as docs/exit-codes.md has it.
+fn exit(state: &RunState, plan: &PlanRecord) -> Exit {
+    let outcomes: Vec<Option<Outcome>> = plan
+        .scenarios
+        .iter()
+        .filter(|planned| planned.runs())
+        .map(|planned| state.scenario(&planned.slug).outcome)
+        .collect();
+    let any = |outcome| outcomes.contains(&outcome);
+    if state.is_interrupted(plan) {
+        Exit::Interrupted
+    } else if any(Some(Outcome::Errored)) || outcomes.is_empty() {
+        Exit::Infrastructure
+    } else if any(Some(Outcome::Failed)) {
+        Exit::ScenarioFailed
+    } else {
+        Exit::Done
+    }
+}

@@ -1,0 +1,261 @@
+//! A run directory's own account of its run: written before anything is created, read by `resume` and `status`. The
+//! main type is [`RecordedRun`].
+
+use std::{
+    collections::BTreeSet,
+    fs, io,
+    path::{Path, PathBuf},
+    sync::Arc,
+};
+
+use record::run_directory::{Event, Manifest, Place, PlanRecord, ReadError, RunDirectory, RunRecords};
+use serde::{Deserialize as _, Serialize};
+
+use super::state::RunState;
+use crate::{
+    escaping,
+    host::{self, Host},
+    matrix_file::Connection,
+    provider::{Catalogue, Roster},
+    state_directory::StateDirectory,
+};
+
+/// What was asked, what was planned, what happened.
+#[derive(Debug, Clone, PartialEq)]
+pub struct RecordedRun {
+    /// What was asked.
+    pub manifest: Manifest,
+    /// What was planned.
+    pub plan: PlanRecord,
+    /// Where it stands.
+    pub state: RunState,
+}
+
+/// Why a run cannot be worked with.
+#[derive(Debug, thiserror::Error)]
+pub enum RecordedRunError {
+    /// There is no such folder.
+    #[error("cannot open the run directory {}", path.display())]
+    Directory {
+        /// Where.
+        path: PathBuf,
+        /// Why.
+        source: io::Error,
+    },
+    /// Its records cannot be read.
+    #[error(transparent)]
+    Records(#[from] ReadError),
+    /// Its environments would not be found.
+    #[error(
+        "run {run} was begun with the state folder {}, and this is {}: its environments would not be found",
+        theirs.display(),
+        ours.display()
+    )]
+    OtherState {
+        /// The run's name.
+        run: String,
+        /// The state folder that it was begun with.
+        theirs: PathBuf,
+        /// The one of this process.
+        ours: PathBuf,
+        /// The run directory.
+        directory: PathBuf,
+    },
+    /// Names were taken from it.
+    #[error("run {run} is a redacted copy")]
+    Redacted {
+        /// The run's name.
+        run: String,
+    },
+    /// Its providers or hosts are written as no version up to this one writes them.
+    #[error(transparent)]
+    OtherVersion(#[from] serde_json::Error),
+    /// Its run directory cannot be made.
+    #[error("cannot {action} {}", path.display())]
+    Create {
+        /// `create` or `write`.
+        action: &'static str,
+        /// What.
+        path: PathBuf,
+        /// Why.
+        source: io::Error,
+    },
+}
+
+impl RecordedRunError {
+    /// What to do about it.
+    #[must_use]
+    pub fn hint(&self) -> String {
+        match self {
+            Self::Directory { .. } => {
+                "give the folder that `matrix run` made, such as `runs/20260101-120000`".to_owned()
+            }
+            Self::Records(error) => error.hint(),
+            Self::OtherState {
+                theirs, directory, ..
+            } => format!(
+                "`MATRIX_STATE_DIR={} matrix resume {}` goes on with it",
+                escaping::pasted(theirs),
+                escaping::pasted(directory)
+            ),
+            Self::Redacted { .. } => {
+                "it says of no host how it is reached: go on with the run that it was made of".to_owned()
+            }
+            Self::OtherVersion(_) => "manifest.json is of another version of matrix".to_owned(),
+            Self::Create { .. } => "give another folder with `--out`".to_owned(),
+        }
+    }
+}
+
+impl RecordedRun {
+    /// The run directory at `path`, absolute, so that leftovers can say where they belong.
+    ///
+    /// # Errors
+    /// When there is none.
+    pub fn directory(path: &Path) -> Result<RunDirectory, RecordedRunError> {
+        path.canonicalize()
+            .map(RunDirectory::new)
+            .map_err(|source| RecordedRunError::Directory {
+                path: path.to_owned(),
+                source,
+            })
+    }
+
+    /// Reads it.
+    ///
+    /// # Errors
+    /// When it is missing, half-written or of a future format.
+    pub fn read(directory: &RunDirectory) -> Result<Self, RecordedRunError> {
+        let records = RunRecords::read(directory)?;
+        let state = RunState::replay(&records.journal.entries);
+        Ok(Self {
+            manifest: records.manifest,
+            plan: records.plan,
+            state,
+        })
+    }
+
+    /// Where it stands, with the windows that the journal has and the directory has not left out: as `matrix resume` will find
+    /// it. What is in the windows is not read.
+    #[must_use]
+    pub fn state_in(&self, directory: &RunDirectory) -> RunState {
+        let mut state = self.state.clone();
+        for (slug, scenario) in &self.state.scenarios {
+            for (window, collected) in &scenario.collected {
+                if !directory.window(slug, *window).is_folder() {
+                    state.apply(&Event::WindowBroken {
+                        scenario: slug.clone(),
+                        environment: collected.environment.clone(),
+                        window: *window,
+                        reason: String::new(),
+                    });
+                }
+            }
+        }
+        state
+    }
+
+    /// Refuses to go on where its environments would not be found, and would measure on beside new ones.
+    ///
+    /// # Errors
+    /// When it was begun with another state folder, and one of its environments may be there.
+    pub fn is_here(&self, directory: &RunDirectory, state: &StateDirectory) -> Result<(), RecordedRunError> {
+        let may_be_there = |theirs: &&PathBuf| theirs.as_path() != state.path() && theirs.exists();
+        let Some(theirs) = self.manifest.state_directory.as_ref().filter(may_be_there) else {
+            return Ok(());
+        };
+        if self
+            .state
+            .scenarios
+            .values()
+            .all(|scenario| scenario.open.is_none())
+        {
+            return Ok(());
+        }
+        Err(RecordedRunError::OtherState {
+            run: self.manifest.run.clone(),
+            theirs: theirs.clone(),
+            ours: state.path().to_owned(),
+            directory: directory.path().to_owned(),
+        })
+    }
+
+    /// The providers that it was begun with, out of these.
+    ///
+    /// # Errors
+    /// When their settings cannot be understood, or the run is a redacted copy.
+    pub fn roster(&self, catalogue: Catalogue) -> Result<Roster, RecordedRunError> {
+        if self.manifest.redacted {
+            return Err(RecordedRunError::Redacted {
+                run: self.manifest.run.clone(),
+            });
+        }
+        let settings = catalogue.settings_of(self.manifest.providers.clone())?;
+        Ok(Roster::new(catalogue, settings, self.hosts()?))
+    }
+
+    /// The hosts that its scenarios were planned on.
+    fn hosts(&self) -> Result<Vec<Arc<dyn Host>>, RecordedRunError> {
+        let state = StateDirectory::of_this_user();
+        let names: BTreeSet<_> = self
+            .plan
+            .scenarios
+            .iter()
+            .filter_map(|it| it.host.as_deref())
+            .collect();
+        let host = |name| {
+            let recorded = self.manifest.hosts.iter().find(|it| it.name == name);
+            let connection = match recorded {
+                Some(recorded) => Connection::deserialize(&recorded.connect)?,
+                // Earlier versions knew one machine.
+                None => Connection::Local,
+            };
+            Ok(host::of(name, &connection, &state))
+        };
+        let hosts: Result<_, serde_json::Error> = names.into_iter().map(host).collect();
+        Ok(hosts?)
+    }
+
+    /// Makes a new run directory with manifest and plan on disk. Fails if there is anything at that place.
+    ///
+    /// # Errors
+    /// When it exists already or cannot be written.
+    pub fn create(
+        path: &Path,
+        manifest: &Manifest,
+        plan: &PlanRecord,
+    ) -> Result<RunDirectory, RecordedRunError> {
+        let failed = |action, path: &Path| {
+            let path = path.to_owned();
+            move |source| RecordedRunError::Create { action, path, source }
+        };
+        if let Some(parent) = path.parent() {
+            fs::create_dir_all(parent).map_err(failed("create", parent))?;
+        }
+        fs::create_dir(path).map_err(failed("create", path))?;
+        let directory = Self::directory(path)?;
+        // The manifest comes last: a folder without one is half-written, and nothing was created for it.
+        directory.journal().create().map_err(failed("write", path))?;
+        write(&directory.plan(), plan).map_err(failed("write", path))?;
+        write(&directory.manifest(), manifest).map_err(failed("write", path))?;
+        Ok(directory)
+    }
+}
+
+/// The folders of runs; their names begin with their time.
+pub(crate) fn newest_first(runs: &Path) -> Vec<PathBuf> {
+    let mut found: Vec<PathBuf> = fs::read_dir(runs)
+        .into_iter()
+        .flatten()
+        .filter_map(|entry| Some(entry.ok()?.path()))
+        .collect();
+    found.sort();
+    found.reverse();
+    found
+}
+
+fn write(place: &Place, record: &impl Serialize) -> io::Result<()> {
+    let mut text = serde_json::to_vec_pretty(record)?;
+    text.push(b'\n');
+    place.write(&text)
+}

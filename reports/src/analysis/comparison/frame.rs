@@ -1,0 +1,394 @@
+//! The comparisons as one polars frame. It is made in pieces of some hundred thousand rows: each is counted as it is made,
+//! by a group-by, and is kept only if all of them are listed, so that ten million comparisons take the memory of one piece.
+
+use std::{ops::Range, sync::Arc};
+
+use polars::{
+    df,
+    error::PolarsResult,
+    frame::DataFrame,
+    prelude::{BooleanChunked, ChunkCompareEq, Float64Chunked, StringChunked, UInt32Chunked, UInt64Chunked},
+};
+use record::report_settings::{Method, ReportSettings};
+
+use super::{Comparison, FrameError, LISTED, Tally, TestResult, WindowValues, pairs_of};
+use crate::{
+    analysis::sample::Sample,
+    statistics::ks::{KsTest, Pool, Procedure, SharedTails},
+};
+
+/// Comparisons from which on a piece is whole.
+const PIECE: usize = 1 << 17;
+
+/// What the counts are summed by, and the sums.
+const PAIR: [&str; 2] = ["a", "b"];
+const SUMS: [&str; 3] = ["pairs", "rejected", "in_the_limit"];
+
+/// Every two windows compared.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Comparisons {
+    frame: DataFrame,
+    counts: DataFrame,
+}
+
+impl Comparisons {
+    /// A row for each comparison, in the order of the windows; none if there are more than [`LISTED`]. Columns: `a`,
+    /// `a_window`, `b`, `b_window`, `n`, `m`, `d`, `h`, `lcm`, `p`, `log10_p`, `signed_d`, `at_m`, `method`, `rejected`.
+    #[must_use]
+    pub const fn frame(&self) -> &DataFrame {
+        &self.frame
+    }
+
+    /// A row for each scenario with itself and for each two scenarios: `a`, `b`, and of all their comparisons the number of
+    /// `pairs`, of the `rejected` and of those `in_the_limit`.
+    #[must_use]
+    pub const fn counts(&self) -> &DataFrame {
+        &self.counts
+    }
+
+    /// Whether no comparison is listed.
+    #[must_use]
+    pub fn is_empty(&self) -> bool {
+        self.frame.height() == 0
+    }
+
+    /// The comparisons one by one.
+    pub fn rows(&self) -> impl Iterator<Item = Comparison<'_>> {
+        rows(&self.frame)
+    }
+
+    /// Those of a window of the one scenario with a window of the other, in either order.
+    #[must_use]
+    pub fn between(&self, a: &str, b: &str) -> Vec<Comparison<'_>> {
+        let is_of_both = |row: &Comparison<'_>| (row.a == a && row.b == b) || (row.a == b && row.b == a);
+        self.rows().filter(is_of_both).collect()
+    }
+}
+
+impl Default for Comparisons {
+    fn default() -> Self {
+        Self {
+            frame: DataFrame::empty(),
+            counts: DataFrame::empty(),
+        }
+    }
+}
+
+/// Compares every sample with every later one, on all processors. The samples of a scenario stand together.
+///
+/// # Errors
+/// When polars refuses, which would be a fault of ours.
+pub fn compare(
+    samples: &[Sample],
+    settings: &ReportSettings,
+) -> Result<(Comparisons, Vec<Tally>), FrameError> {
+    let windows: Vec<WindowValues<'_>> = samples.iter().map(WindowValues::from).collect();
+    let comparisons = compare_windows(&windows, settings, LISTED)?;
+    let tallies = as_tallies(&comparisons.counts)?;
+    Ok((comparisons, tallies))
+}
+
+/// Counts the rejections of every window against every later one. The windows of a scenario stand together.
+///
+/// # Errors
+/// As [`compare`].
+pub fn tallies(windows: &[WindowValues<'_>], settings: &ReportSettings) -> Result<Vec<Tally>, FrameError> {
+    Ok(as_tallies(&compare_windows(windows, settings, 0)?.counts)?)
+}
+
+/// No more comparisons than so many are `listed`: else none of them.
+fn compare_windows(
+    windows: &[WindowValues<'_>],
+    settings: &ReportSettings,
+    listed: usize,
+) -> PolarsResult<Comparisons> {
+    let values: Vec<&[f64]> = windows.iter().map(|window| &*window.values).collect();
+    // Never an error: what is empty was left out, logs have finite positions only, and as many values as cannot be ranked
+    // would not have been held.
+    let pool = Pool::of(&values).ok();
+    let procedure = Procedure {
+        method: settings.method,
+        ..Procedure::default()
+    };
+    let known = Arc::new(SharedTails::default());
+    let is_listed = pairs_of(windows.len()) <= listed;
+    // Without a row they have their columns all the same.
+    let mut frame = piece(windows, &[], settings)?;
+    let mut counts = counted(&frame, settings)?;
+    for firsts in pieces(windows.len()) {
+        let Some(pool) = &pool else { break };
+        let tests = pool.pairs_of(firsts, procedure, &known, |first, partners| {
+            Vec::from_iter(partners.map(|(second, test)| (first, second, test)))
+        });
+        let piece = piece(windows, &tests, settings)?;
+        counts.vstack_mut_owned(counted(&piece, settings)?)?;
+        if is_listed {
+            frame.vstack_mut_owned(piece)?;
+        }
+    }
+    Ok(Comparisons {
+        frame,
+        counts: sums(&counts, &PAIR, &SUMS)?,
+    })
+}
+
+/// The first samples of each piece.
+fn pieces(windows: usize) -> Vec<Range<usize>> {
+    let mut pieces = Vec::new();
+    let (mut begin, mut size) = (0, 0);
+    for first in 0..windows {
+        size += windows - first - 1;
+        if size >= PIECE || first + 1 == windows {
+            pieces.push(begin..first + 1);
+            (begin, size) = (first + 1, 0);
+        }
+    }
+    pieces
+}
+
+/// A test with the places of its two windows.
+type Test = (usize, usize, KsTest);
+
+/// The tests as rows.
+fn piece(
+    windows: &[WindowValues<'_>],
+    tests: &[Vec<Test>],
+    settings: &ReportSettings,
+) -> PolarsResult<DataFrame> {
+    fn column<'a, T>(tests: &'a [Vec<Test>], of: impl Fn(&'a KsTest) -> T) -> Vec<T> {
+        tests.iter().flatten().map(|(_, _, test)| of(test)).collect()
+    }
+    let [a, b]: [Vec<&WindowValues<'_>>; 2] = [
+        tests.iter().flatten().map(|(a, ..)| &windows[*a]).collect(),
+        tests.iter().flatten().map(|(_, b, _)| &windows[*b]).collect(),
+    ];
+    let letters = |side: &[&WindowValues<'_>]| Vec::from_iter(side.iter().map(|it| it.scenario.to_owned()));
+    let numbers = |side: &[&WindowValues<'_>]| Vec::from_iter(side.iter().map(|it| it.window));
+    df![
+        "a" => letters(&a),
+        "a_window" => numbers(&a),
+        "b" => letters(&b),
+        "b_window" => numbers(&b),
+        "n" => column(tests, |test| test.n as u64),
+        "m" => column(tests, |test| test.m as u64),
+        "d" => column(tests, |test| test.d),
+        "h" => column(tests, |test| test.h),
+        "lcm" => column(tests, |test| test.lcm),
+        "p" => column(tests, |test| test.p),
+        "log10_p" => column(tests, |test| test.log10_p),
+        "signed_d" => column(tests, |test| test.signed_d().0),
+        "at_m" => column(tests, |test| test.signed_d().1),
+        "method" => column(tests, |test| test.method.name()),
+        "rejected" => column(tests, |test| test.p < settings.alpha),
+    ]
+}
+
+/// A piece's rows counted by the pair of scenarios.
+fn counted(piece: &DataFrame, settings: &ReportSettings) -> PolarsResult<DataFrame> {
+    let is_other: BooleanChunked = piece.column("method")?.str()?.not_equal(settings.method.name());
+    let in_the_limit: Vec<u32> = is_other.iter().map(|is| u32::from(is == Some(true))).collect();
+    let rejected = piece.column("rejected")?.bool()?;
+    let rejected: Vec<u32> = rejected.iter().map(|is| u32::from(is == Some(true))).collect();
+    let mut ones = piece.select(PAIR)?;
+    let flags =
+        df!["pairs" => vec![1_u32; piece.height()], "rejected" => rejected, "in_the_limit" => in_the_limit]?;
+    ones.hstack_mut(flags.columns())?;
+    sums(&ones, &PAIR, &SUMS)
+}
+
+/// The sums of some columns by keys, in the order in which the keys first appear.
+pub(crate) fn sums(frame: &DataFrame, by: &[&str], columns: &[&str]) -> PolarsResult<DataFrame> {
+    #[expect(
+        deprecated,
+        reason = "what is to be used in its place doubles the build of polars"
+    )]
+    let mut sums = frame
+        .group_by_stable(by.iter().copied())?
+        .select(columns.iter().copied())
+        .sum()?;
+    let names: Vec<&str> = by.iter().chain(columns).copied().collect();
+    sums.set_column_names(&names)?;
+    Ok(sums)
+}
+
+fn as_tallies(counts: &DataFrame) -> PolarsResult<Vec<Tally>> {
+    let (a, b) = (counts.column("a")?.str()?, counts.column("b")?.str()?);
+    let [pairs, rejected, in_the_limit] = SUMS.map(|name| counts.column(name).and_then(|it| it.u32()));
+    let (pairs, rejected, in_the_limit) = (pairs?, rejected?, in_the_limit?);
+    let tally = |at: usize| {
+        Some(Tally {
+            a: a.get(at)?.to_owned(),
+            b: b.get(at)?.to_owned(),
+            pairs: pairs.get(at)? as usize,
+            rejected: rejected.get(at)? as usize,
+            in_the_limit: in_the_limit.get(at)? as usize,
+        })
+    };
+    Ok((0..counts.height()).filter_map(tally).collect())
+}
+
+/// The columns of a frame of comparisons, each by its type.
+struct Columns<'a> {
+    texts: [&'a StringChunked; 3],
+    windows: [&'a UInt32Chunked; 2],
+    counts: [&'a UInt64Chunked; 4],
+    numbers: [&'a Float64Chunked; 5],
+    rejected: &'a BooleanChunked,
+}
+
+fn rows(frame: &DataFrame) -> impl Iterator<Item = Comparison<'_>> {
+    // A frame without rows may be without columns.
+    let columns = Columns::of(frame).ok();
+    columns
+        .into_iter()
+        .flat_map(|columns| (0..frame.height()).filter_map(move |at| columns.row(at)))
+}
+
+impl<'a> Columns<'a> {
+    fn of(frame: &'a DataFrame) -> PolarsResult<Self> {
+        let text = |name: &str| frame.column(name)?.str();
+        let window = |name: &str| frame.column(name)?.u32();
+        let count = |name: &str| frame.column(name)?.u64();
+        let number = |name: &str| frame.column(name)?.f64();
+        Ok(Self {
+            texts: [text("a")?, text("b")?, text("method")?],
+            windows: [window("a_window")?, window("b_window")?],
+            counts: [count("n")?, count("m")?, count("h")?, count("lcm")?],
+            numbers: [
+                number("d")?,
+                number("p")?,
+                number("log10_p")?,
+                number("signed_d")?,
+                number("at_m")?,
+            ],
+            rejected: frame.column("rejected")?.bool()?,
+        })
+    }
+
+    fn row(&self, at: usize) -> Option<Comparison<'a>> {
+        let [a, b, method] = self.texts;
+        let [a_window, b_window] = self.windows;
+        let [n, m, h, lcm] = self.counts;
+        let [d, p, log10_p, signed_d, at_m] = self.numbers;
+        let method = method.get(at)?;
+        Some(Comparison {
+            a: a.get(at)?,
+            a_window: a_window.get(at)?,
+            b: b.get(at)?,
+            b_window: b_window.get(at)?,
+            test: TestResult {
+                n: n.get(at)?,
+                m: m.get(at)?,
+                d: d.get(at)?,
+                h: h.get(at)?,
+                lcm: lcm.get(at)?,
+                p: p.get(at)?,
+                log10_p: log10_p.get(at)?,
+                signed_d: signed_d.get(at)?,
+                at: at_m.get(at),
+                method: Method::ALL.into_iter().find(|it| it.name() == method)?,
+            },
+            rejected: self.rejected.get(at)?,
+        })
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use std::borrow::Cow;
+
+    use super::*;
+
+    fn windows(count: u32) -> Vec<WindowValues<'static>> {
+        let value =
+            |window: u32, at: u32| f64::from((window * 7919 + at * 104_729) % 1009 + window % 5 * 200);
+        (0..count)
+            .map(|window| WindowValues {
+                scenario: ["a", "b", "c"][(window * 3 / count) as usize],
+                window,
+                values: Cow::Owned((0..12).map(|at| value(window, at)).collect()),
+            })
+            .collect()
+    }
+
+    #[test]
+    fn every_pair_of_windows_is_in_one_piece_and_pieces_are_not_larger_than_they_need_be() {
+        for windows in [0, 1, 2, 3, 700, 1200] {
+            let pieces = pieces(windows);
+            let firsts: Vec<usize> = pieces.iter().cloned().flatten().collect();
+            assert_eq!(firsts, Vec::from_iter(0..windows));
+            let size = |firsts: &Range<usize>| firsts.clone().map(|first| windows - first - 1).sum::<usize>();
+            assert!(
+                pieces.iter().all(|firsts| size(firsts) < PIECE + windows),
+                "{pieces:?}"
+            );
+        }
+        assert!(pieces(1200).len() > 1);
+    }
+
+    #[test]
+    fn the_counts_are_those_of_the_rows_whether_or_not_these_are_listed() {
+        let windows = windows(600);
+        let settings = ReportSettings {
+            alpha: 0.2,
+            method: Method::Asymptotic,
+            ..ReportSettings::default()
+        };
+        let listed = compare_windows(&windows, &settings, LISTED).unwrap();
+        let counted = compare_windows(&windows, &settings, 0).unwrap();
+        assert_eq!(
+            (listed.frame.height(), counted.frame.height()),
+            (pairs_of(600), 0)
+        );
+        assert_eq!(listed.counts, counted.counts);
+        let tallies = as_tallies(&listed.counts).unwrap();
+        let letters: Vec<_> = tallies
+            .iter()
+            .map(|tally| (tally.a.as_str(), tally.b.as_str()))
+            .collect();
+        assert_eq!(
+            letters,
+            [
+                ("a", "a"),
+                ("a", "b"),
+                ("a", "c"),
+                ("b", "b"),
+                ("b", "c"),
+                ("c", "c")
+            ]
+        );
+        for tally in &tallies {
+            let own: Vec<Comparison<'_>> = listed.between(&tally.a, &tally.b);
+            let rejected = own.iter().filter(|row| row.rejected).count();
+            assert_eq!(
+                (tally.pairs, tally.rejected, tally.in_the_limit),
+                (own.len(), rejected, 0)
+            );
+            assert!(rejected > 0 && rejected < own.len());
+        }
+    }
+
+    #[test]
+    fn a_row_is_the_test_of_its_two_windows() {
+        let windows = windows(9);
+        let comparisons = compare_windows(&windows, &ReportSettings::default(), LISTED).unwrap();
+        let pool = Pool::of(&windows.iter().map(|it| &*it.values).collect::<Vec<_>>()).unwrap();
+        let rows: Vec<Comparison<'_>> = comparisons.rows().collect();
+        assert_eq!(rows.len(), 36);
+        for row in rows {
+            let test = pool.pair(row.a_window as usize, row.b_window as usize, Procedure::default());
+            assert_eq!((row.test.d, row.test.p, row.test.h), (test.d, test.p, test.h));
+            assert_eq!((row.test.signed_d, row.test.at), test.signed_d());
+            assert_eq!(row.a, windows[row.a_window as usize].scenario);
+        }
+    }
+
+    #[test]
+    fn nothing_to_compare_is_no_row_and_no_count() {
+        for windows in [windows(0), windows(1)] {
+            let comparisons = compare_windows(&windows, &ReportSettings::default(), LISTED).unwrap();
+            assert_eq!((comparisons.rows().count(), comparisons.counts.height()), (0, 0));
+            assert_eq!(comparisons.frame.width(), 15);
+        }
+    }
+}

@@ -1,0 +1,174 @@
+//! What a run showed, as data: every scenario with how it ended, every comparison with the counts, what the windows and the
+//! packets show. [`Report::present`] makes remarks and tables of it. The main type is [`Report`], made by [`analyse`].
+
+use record::{family::Member, report_settings::ReportSettings, run_directory::Difference};
+
+use crate::{
+    analysis::{
+        comparison::{Comparisons, FrameError, Tally, compare},
+        conclusion::{Conclusion, conclusions},
+        contrast::Contrasts,
+        packet_counts::{self, TrafficTally},
+        packet_explanations::{self, Explanation},
+        sample::{Sample, samples},
+        scenario::{ScenarioReport, scenario_report},
+        setup::Unlike,
+    },
+    input::{
+        run::{Run, RunPart},
+        traffic::Traffic,
+    },
+};
+
+/// What a run showed.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Report {
+    /// The run's name.
+    pub run: String,
+    /// When it was asked for, RFC 3339.
+    pub created: String,
+    /// The run directories that it is made of.
+    pub parts: Vec<RunPart>,
+    /// How samples were taken and compared.
+    pub settings: ReportSettings,
+    /// Every scenario of the plan, in letter order.
+    pub scenarios: Vec<ScenarioReport>,
+    /// The samples, by scenario and window.
+    pub samples: Vec<Sample>,
+    /// Every two windows compared; empty if there are more of them than are listed.
+    pub comparisons: Comparisons,
+    /// The counts, of each scenario with itself and with each other.
+    pub tallies: Vec<Tally>,
+    /// Scenarios that did not run the same experiment: what is different of them is not the platform's alone.
+    pub unlike: Vec<Unlike>,
+    /// The pairs of the declared family, with the window as the unit.
+    pub contrasts: Contrasts,
+    /// Virtualizations over all platforms, and operating systems, each two of them.
+    pub conclusions: Vec<Conclusion>,
+    /// What became of the packets; empty without captures.
+    pub traffic: Traffic,
+    /// The counts of the packets' quantities.
+    pub traffic_tallies: Vec<TrafficTally>,
+    /// What of the packets goes with the differences in error.
+    pub explanations: Vec<Explanation>,
+    /// The `report:` section of the matrix file that was run; [`Self::settings`] may be others.
+    pub declared: ReportSettings,
+    /// What reading the run directories found, a sentence each.
+    pub reading: Vec<String>,
+    /// What could not be computed, a sentence each: faults of `matrix`.
+    pub faults: Vec<String>,
+}
+
+/// Compares every window of a run with every other and counts the rejections. Pure: the same run, traffic and settings give the
+/// same report.
+#[must_use]
+pub fn analyse(run: &Run, traffic: Traffic, settings: &ReportSettings) -> Report {
+    // Of the positions that the logs were read for.
+    let settings = &ReportSettings {
+        error: run.error,
+        ..settings.clone()
+    };
+    let samples = samples(run, settings);
+    let mut faults = Vec::new();
+    let (comparisons, tallies) = or_fault(compare(&samples, settings), &mut faults);
+    let scenarios: Vec<ScenarioReport> = run
+        .scenarios
+        .iter()
+        .map(|scenario| scenario_report(scenario, settings, &samples))
+        .collect();
+    let unlike = Unlike::all(&run.scenarios);
+    let pairs = family_pairs(&scenarios, &unlike, settings);
+    let contrasts = Contrasts::of(&pairs, &samples, settings);
+    Report {
+        run: run.manifest.run.clone(),
+        created: run.manifest.created.clone(),
+        parts: run.parts.clone(),
+        settings: settings.clone(),
+        traffic_tallies: or_fault(packet_counts::compared(&traffic, &samples, settings), &mut faults),
+        explanations: packet_explanations::explanations(&contrasts.pairs, &samples, &traffic, settings),
+        traffic,
+        conclusions: conclusions(&scenarios, &samples, &unlike, settings.seed),
+        unlike,
+        contrasts,
+        scenarios,
+        tallies,
+        samples,
+        comparisons,
+        declared: run.manifest.report.clone(),
+        reading: run.remarks.clone(),
+        faults,
+    }
+}
+
+/// What was asked for, or nothing and a remark: what else there is to report is reported all the same.
+pub(crate) fn or_fault<T: Default>(asked: Result<T, FrameError>, faults: &mut Vec<String>) -> T {
+    asked.unwrap_or_else(|error| {
+        faults.push(format!(
+            "{error}. This is a fault of matrix: please report it with this run directory."
+        ));
+        T::default()
+    })
+}
+
+/// The letters of the pairs that belong to the declared family. Scenarios that did not run the same experiment do only if
+/// they are named.
+fn family_pairs(
+    scenarios: &[ScenarioReport],
+    unlike: &[Unlike],
+    settings: &ReportSettings,
+) -> Vec<(String, String)> {
+    let members: Vec<Member<'_>> = scenarios
+        .iter()
+        .map(|scenario| Member::new(&scenario.id, &scenario.slug, scenario.is_control, &scenario.axes))
+        .collect();
+    let letters = |(a, b): (usize, usize)| Some((members.get(a)?.id, members.get(b)?.id));
+    let is_unlike = |a: usize, b: usize| {
+        letters((a, b)).is_some_and(|(a, b)| unlike.iter().any(|unlike| unlike.is_of(a, b)))
+    };
+    let asked = settings.family.asked(&members, is_unlike).into_iter();
+    asked
+        .filter_map(letters)
+        .map(|(a, b)| (a.to_owned(), b.to_owned()))
+        .collect()
+}
+
+impl Report {
+    /// The count of two scenarios, in either order, or of one with itself; none if no two windows were compared.
+    #[must_use]
+    pub fn tally(&self, a: &str, b: &str) -> Option<&Tally> {
+        self.tallies
+            .iter()
+            .find(|tally| (tally.a == a && tally.b == b) || (tally.a == b && tally.b == a))
+    }
+
+    /// The experimental controls.
+    pub fn controls(&self) -> impl Iterator<Item = &ScenarioReport> {
+        self.scenarios.iter().filter(|scenario| scenario.is_control)
+    }
+
+    /// What is not the same of the experiments that two scenarios ran; empty if they ran the same.
+    #[must_use]
+    pub fn unlike(&self, a: &str, b: &str) -> &[String] {
+        let found = self.unlike.iter().find(|unlike| unlike.is_of(a, b));
+        found.map_or(&[], |unlike| &unlike.fields)
+    }
+
+    /// What is recorded to be different of two scenarios' environments; empty where one has no record.
+    #[must_use]
+    pub fn differences(&self, a: &str, b: &str) -> Vec<Difference> {
+        let environment = |id: &str| {
+            let scenario = self.scenarios.iter().find(|scenario| scenario.id == id);
+            scenario.and_then(|scenario| scenario.environment.as_ref())
+        };
+        environment(a)
+            .zip(environment(b))
+            .map(|(a, b)| a.differences(b))
+            .unwrap_or_default()
+    }
+
+    /// Whether some of the numbers were made up by the `fake` provider.
+    #[must_use]
+    pub fn is_simulated(&self) -> bool {
+        self.scenarios.iter().any(|scenario| scenario.is_simulated)
+    }
+}

@@ -1,0 +1,212 @@
+//! Whether two scenarios ran the same experiment. Windows over other networks, at another rate or by another version of the
+//! workload differ whatever they ran on, so that a difference between them says nothing of the platform. The main type is
+//! [`Unlike`].
+
+use std::collections::HashMap;
+
+use record::{run_directory::PlannedScenario, settings::Settings};
+use serde_json::{Value, json};
+
+use crate::{analysis::fields, input::run::ScenarioRun};
+
+/// Two scenarios that did not run the same experiment.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct Unlike {
+    /// Letter of the first.
+    pub a: String,
+    /// Letter of the second.
+    pub b: String,
+    /// What is not the same, such as `network.delay`; never empty.
+    pub fields: Vec<String>,
+}
+
+impl Unlike {
+    /// Every two scenarios that are, in the order of the plan. What was never measured is like any.
+    #[must_use]
+    pub fn all(scenarios: &[ScenarioRun]) -> Vec<Self> {
+        let measured = scenarios
+            .iter()
+            .filter(|scenario| scenario.counted().next().is_some());
+        let setups: Vec<(&str, Value)> = measured
+            .map(|scenario| (scenario.planned.id.as_str(), setup(scenario)))
+            .collect();
+        let mut found = Vec::new();
+        for (at, (a, first)) in setups.iter().enumerate() {
+            for (b, second) in setups.iter().skip(at + 1) {
+                let fields = differing(first, second);
+                if !fields.is_empty() {
+                    found.push(Self {
+                        a: (*a).to_owned(),
+                        b: (*b).to_owned(),
+                        fields,
+                    });
+                }
+            }
+        }
+        found
+    }
+
+    /// Whether it is of these two, in either order.
+    #[must_use]
+    pub fn is_of(&self, a: &str, b: &str) -> bool {
+        (self.a == a && self.b == b) || (self.a == b && self.b == a)
+    }
+}
+
+/// What is not the same of the experiments that two scenarios are to run; empty if they are to run the same.
+#[must_use]
+pub fn differing_settings(a: &Settings, b: &Settings) -> Vec<String> {
+    differing(&task(a), &task(b))
+}
+
+/// The experiments of many scenarios, to be compared two by two: of a thousand there are half a million pairs.
+#[derive(Debug, Clone, Default)]
+pub struct Experiments {
+    /// For each the number of its value in each field; 0 for what is not known.
+    rows: Vec<Vec<u32>>,
+}
+
+impl Experiments {
+    /// Those that these settings ask for, by their places.
+    pub fn of<'a>(settings: impl IntoIterator<Item = &'a Settings>) -> Self {
+        let mut columns: HashMap<String, (usize, HashMap<String, u32>)> = HashMap::new();
+        let mut experiments = Self::default();
+        for settings in settings {
+            let mut row = vec![0; columns.len()];
+            for (path, value) in fields::leaves(&task(settings)) {
+                let next = columns.len();
+                let (at, values) = columns.entry(path).or_insert_with(|| (next, HashMap::new()));
+                let known = u32::try_from(values.len()).unwrap_or(u32::MAX);
+                let number = *values.entry(value.to_string()).or_insert(known.saturating_add(1));
+                row.resize(row.len().max(*at + 1), 0);
+                if let (Some(field), false) = (row.get_mut(*at), value.is_null()) {
+                    *field = number;
+                }
+            }
+            experiments.rows.push(row);
+        }
+        experiments
+    }
+
+    /// Whether those at two places differ, as [`differing_settings`] has it.
+    #[must_use]
+    pub fn are_unlike(&self, a: usize, b: usize) -> bool {
+        let row = |at: usize| self.rows.get(at).map(Vec::as_slice).unwrap_or_default();
+        std::iter::zip(row(a), row(b)).any(|(a, b)| *a != 0 && *b != 0 && a != b)
+    }
+}
+
+/// All that must be the same for a difference to be the platform's: the control task, the network between its nodes, and the
+/// program. How many windows there are, how they were captured and what was asked of the operating system is not of it.
+fn task(settings: &Settings) -> Value {
+    json!({
+        "period": settings.period,
+        "rate": settings.rate,
+        "reference": settings.reference,
+        "plant": settings.plant,
+        "control": settings.control,
+        "network": settings.network,
+        "ros": settings.ros,
+        "loops": settings.loops,
+    })
+}
+
+/// The experiment of a plan, whichever of its scenarios is looked at: without what its axes sweep.
+pub(crate) fn experiment(planned: &PlannedScenario) -> Value {
+    let mut experiment = task(&planned.settings);
+    for axis in planned.axes.keys() {
+        let pointer = format!("/{}", axis.replace('.', "/"));
+        if let Some(swept) = experiment.pointer_mut(&pointer) {
+            *swept = Value::Null;
+        }
+    }
+    experiment
+}
+
+/// The same with the program that ran it.
+fn setup(scenario: &ScenarioRun) -> Value {
+    let mut setup = task(&scenario.planned.settings);
+    let version = scenario
+        .environment
+        .as_ref()
+        .and_then(|environment| environment.workload_version());
+    setup["workload"] = json!({ "version": version, "sha256": program(scenario) });
+    setup
+}
+
+/// The hash of the workload by the machine that it is built for: those of other machines are other files anyway.
+fn program(scenario: &ScenarioRun) -> Value {
+    let Some(environment) = &scenario.environment else {
+        return Value::Null;
+    };
+    let of = |key: &str| {
+        environment
+            .platform
+            .as_ref()
+            .and_then(|platform| platform.get(key))
+    };
+    let machine = of("workload_machine")
+        .or_else(|| of("machine"))
+        .and_then(Value::as_str);
+    match (machine, environment.facts.get("workload_sha256")) {
+        (Some(machine), Some(sha256)) => json!({ machine: sha256 }),
+        _ => Value::Null,
+    }
+}
+
+/// The dotted paths of all fields that are not the same. What one of them does not have, such as an environment's record, is
+/// none.
+pub(crate) fn differing(first: &Value, second: &Value) -> Vec<String> {
+    let both_known = fields::differing(first, second)
+        .into_iter()
+        .filter(|(_, a, b)| !a.is_null() && !b.is_null());
+    both_known.map(|(field, ..)| field).collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn what_is_not_the_same_is_named_by_its_path() {
+        let first = json!({"network": {"delay": "10ms", "loss": "1%"}, "rate": "50Hz"});
+        let second = json!({"network": {"delay": "20ms", "loss": "1%"}, "rate": "100Hz"});
+        assert_eq!(differing(&first, &second), ["network.delay", "rate"]);
+        assert!(differing(&first, &first).is_empty());
+    }
+
+    #[test]
+    fn many_experiments_differ_where_two_do() {
+        let swept = |delay: &str, seed: Value, tcp_nodelay: bool| {
+            Settings::from_json(
+                json!({"network": {"delay": delay, "seed": seed}, "ros": {"tcp_nodelay": tcp_nodelay}}),
+                record::settings::Dynamics::default(),
+            )
+            .unwrap()
+        };
+        let all = [
+            swept("10ms", Value::Null, true),
+            swept("20ms", Value::Null, true),
+            swept("10ms", json!(7), true),
+            swept("10ms", json!(8), false),
+            swept("10ms", Value::Null, true),
+        ];
+        let experiments = Experiments::of(&all);
+        for (a, first) in all.iter().enumerate() {
+            for (b, second) in all.iter().enumerate() {
+                let differ = !differing_settings(first, second).is_empty();
+                assert_eq!(experiments.are_unlike(a, b), differ, "{a} and {b}");
+            }
+        }
+        assert!(experiments.are_unlike(2, 3) && !experiments.are_unlike(0, 2));
+    }
+
+    #[test]
+    fn what_is_not_known_is_no_difference() {
+        let known = json!({"workload": {"version": "0.1.0", "sha256": {"x86_64": "aa"}}});
+        let other_machine = json!({"workload": {"version": "0.1.0", "sha256": {"aarch64": "bb"}}});
+        let unknown = json!({"workload": {"version": null, "sha256": null}});
+        assert!(differing(&known, &unknown).is_empty());
+        assert!(differing(&known, &other_machine).is_empty());
+    }
+}

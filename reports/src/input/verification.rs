@@ -1,0 +1,130 @@
+//! Whether a run directory is as it was written: every file that has a checksum is read, those too that no report reads. The
+//! main function is [`verify`].
+
+use std::path::PathBuf;
+
+use rayon::prelude::*;
+use record::{
+    causes::with_causes,
+    layout,
+    run_directory::{
+        Kind, NotWhole, Place, ReadError, RunDirectory, RunRecords, ScenarioChecksums, read_environment,
+        read_window, see_that_file_is_whole,
+    },
+};
+
+/// What was found.
+#[derive(Debug, Clone, Default, PartialEq, Eq)]
+pub struct Verification {
+    /// Files that were read.
+    pub files: u64,
+    /// What they have together.
+    pub bytes: u64,
+    /// Files that are not as they were written, by their paths.
+    pub damaged: Vec<Damage>,
+    /// Whether the journal has checksums of itself and of the other files: not in runs of earlier versions.
+    pub is_checked: bool,
+}
+
+/// A file that is not as it was written.
+#[derive(Debug, Clone, PartialEq, Eq, PartialOrd, Ord)]
+pub struct Damage {
+    /// Where it is in the run directory.
+    pub file: PathBuf,
+    /// How it can be told.
+    pub what: String,
+}
+
+/// Reads all of a run directory but for its reports and for what broke, windows side by side.
+///
+/// # Errors
+/// When its manifest, plan or journal cannot be read or are damaged: what the other files should be is not known then.
+pub fn verify(directory: &RunDirectory) -> Result<Verification, ReadError> {
+    let records = RunRecords::read(directory)?;
+    let mut looks = [directory.manifest(), directory.plan(), directory.journal()]
+        .map(|place| Look::at(place, Ok(())))
+        .to_vec();
+    let mut windows = Vec::new();
+    for planned in &records.plan.scenarios {
+        let known = records.checksums.scenario(&planned.slug);
+        let folder = directory.scenario(&planned.slug);
+        looks.extend(environments(&folder).map(|place| {
+            let read = read_environment(&place, known.environments()).map(drop);
+            Look::at(place, read.map_err(|error| with_causes(&error)))
+        }));
+        let numbers = 1..=planned.settings.windows;
+        windows
+            .extend(numbers.map(|number| (directory.window(&planned.slug, number), number, known.clone())));
+    }
+    looks.par_extend(
+        windows
+            .into_par_iter()
+            .flat_map_iter(|(folder, number, known)| looks_at_window(&folder, number, &known)),
+    );
+    let mut found = Verification {
+        is_checked: records.journal.is_checked(),
+        ..Verification::default()
+    };
+    for look in looks {
+        found.files += 1;
+        found.bytes += look.bytes;
+        found.damaged.extend(look.damage(directory));
+    }
+    found.damaged.sort();
+    Ok(found)
+}
+
+/// What there is of the platforms of a scenario.
+fn environments(scenario: &Place) -> impl Iterator<Item = Place> {
+    let is_one = |(place, kind): &(Place, Kind)| {
+        let name = place.name();
+        *kind != Kind::Folder && name.starts_with("environment") && name.ends_with(".json")
+    };
+    let entries = scenario.entries().unwrap_or_default().into_iter();
+    entries.filter(is_one).map(|(place, _)| place)
+}
+
+fn looks_at_window(folder: &Place, number: u32, known: &ScenarioChecksums) -> Vec<Look> {
+    let sha256 = known.window(number);
+    if !folder.exists() {
+        // One that nobody has collected is only missing.
+        let lost = sha256.map(|_| "it is not there, and events.jsonl says that it was collected".to_owned());
+        let lost = lost.map(|what| Look::at(folder.clone(), Err(what)));
+        return lost.into_iter().collect();
+    }
+    let record = folder.join(layout::WINDOW);
+    match read_window(folder, sha256) {
+        Ok(read) => {
+            let files = read.files.iter().map(|file| {
+                let whole = see_that_file_is_whole(folder, file).map_err(NotWhole::reason);
+                Look::at(folder.join(&file.name), whole)
+            });
+            std::iter::once(Look::at(record, Ok(()))).chain(files).collect()
+        }
+        Err(error) => vec![Look::at(record, Err(NotWhole::from(error).reason()))],
+    }
+}
+
+/// A file that was read.
+#[derive(Debug, Clone)]
+struct Look {
+    place: Place,
+    bytes: u64,
+    found: Result<(), String>,
+}
+
+impl Look {
+    fn at(place: Place, found: Result<(), String>) -> Self {
+        Self {
+            bytes: place.bytes().unwrap_or_default(),
+            place,
+            found,
+        }
+    }
+
+    fn damage(self, directory: &RunDirectory) -> Option<Damage> {
+        let path = self.place.path();
+        let file = path.strip_prefix(directory.path()).unwrap_or(&path).to_owned();
+        self.found.err().map(|what| Damage { file, what })
+    }
+}

@@ -1,0 +1,42 @@
+//! Tables, figures and remarks of a report, and their media: Markdown, LaTeX, HTML, JSON, CSV, Parquet, SVG, PDF. The
+//! main type is [`Presentation`], made by [`Report::present`].
+
+pub mod figure;
+pub(crate) mod frames;
+mod method;
+mod remarks;
+pub(crate) mod render;
+pub mod table;
+pub(crate) mod verdict;
+pub(crate) mod writing;
+
+use self::table::Table;
+use crate::analysis::report::{Report, or_fault};
+
+/// A report with the words and tables that all of its media have.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Presentation<'a> {
+    /// What is presented.
+    pub report: &'a Report,
+    /// What a reader must know before believing the tables.
+    pub remarks: Vec<String>,
+    /// The paper's tables, and those beside them: how well each platform held its schedule, among others.
+    pub tables: Vec<Table>,
+}
+
+impl Report {
+    /// The report for readers. Pure.
+    #[must_use]
+    pub fn present(&self) -> Presentation<'_> {
+        let mut faults = self.faults.clone();
+        let mut tables = or_fault(table::of_the_paper(self), &mut faults);
+        tables.extend(table::beside(self));
+        let mut remarks = remarks::remarks(self);
+        remarks.extend(faults);
+        Presentation {
+            report: self,
+            remarks,
+            tables,
+        }
+    }
+}

@@ -1,0 +1,265 @@
+//! The comparisons and the samples as columns, for those who go on with their own tools: CSV and Parquet, by polars. Half a
+//! million comparisons are a file of 95 MB, so that a table comes in [`Pieces`] and is written piece by piece.
+
+use std::{io::Write, iter};
+
+use polars::{
+    df,
+    error::PolarsResult,
+    frame::DataFrame,
+    prelude::{CsvWriter, IntoColumn, NamedFrom, ParquetCompression, ParquetWriter, SerWriter, Series},
+};
+
+use crate::{
+    analysis::{contrast::Contrast, report::Report},
+    input::{packets::Topic, traffic::PeriodTraffic},
+    present::frames,
+    statistics::effect::{Effect, Estimate},
+};
+
+/// The rows of a table in order, at least one piece, all with the same columns.
+pub(crate) type Pieces<'a> = Box<dyn Iterator<Item = PolarsResult<DataFrame>> + 'a>;
+
+/// The columns of the comparisons, in the order of the file.
+const COMPARISONS: [&str; 32] = [
+    "a",
+    "a_slug",
+    "a_window",
+    "b",
+    "b_slug",
+    "b_window",
+    "n",
+    "m",
+    "d",
+    "h",
+    "lcm",
+    "p",
+    "log10_p",
+    "signed_d",
+    "at_m",
+    "method",
+    "alpha",
+    "rejected",
+    "unlike",
+    "same_scenario",
+    "a_hardware",
+    "b_hardware",
+    "a_os",
+    "b_os",
+    "a_virtualization",
+    "b_virtualization",
+    "a_platform",
+    "b_platform",
+    "a_is_control",
+    "b_is_control",
+    "a_paper",
+    "b_paper",
+];
+
+/// Comparisons in a piece, and in a row group of Parquet.
+const PIECE: usize = 16_384;
+
+/// The frame of the comparisons, with what there is of their scenarios.
+pub(crate) fn comparisons(report: &Report) -> Pieces<'_> {
+    let frame = report.comparisons.frame();
+    let pieces = frame.height().div_ceil(PIECE).max(1);
+    let piece = move |nth: usize| {
+        let mut piece = frame.slice((nth * PIECE) as i64, PIECE);
+        let alpha = vec![report.settings.alpha; piece.height()];
+        piece.with_column(Series::new("alpha".into(), alpha).into_column())?;
+        frames::with_scenarios(report, &piece, &frames::scenarios(report)?)?.select(COMPARISONS)
+    };
+    Box::new((0..pieces).map(piece))
+}
+
+/// One row a scenario of the plan.
+pub(crate) fn scenarios(report: &Report) -> Pieces<'_> {
+    Box::new(iter::once_with(|| frames::scenarios(report)))
+}
+
+/// One row a pair of the family.
+pub(crate) fn contrasts(report: &Report) -> Pieces<'_> {
+    Box::new(iter::once_with(|| all_contrasts(report)))
+}
+
+fn all_contrasts(report: &Report) -> PolarsResult<DataFrame> {
+    fn column<'a, T>(report: &'a Report, of: impl Fn(&'a Contrast) -> T) -> Vec<T> {
+        report.contrasts.pairs.iter().map(of).collect()
+    }
+    let value = |of: fn(&Effect) -> &Estimate| column(report, move |c| of(&c.effect).value);
+    let low = |of: fn(&Effect) -> &Estimate| column(report, move |c| of(&c.effect).interval.map(|i| i.low));
+    let high = |of: fn(&Effect) -> &Estimate| column(report, move |c| of(&c.effect).interval.map(|i| i.high));
+    let unlike = |a: &str, b: &str| unlike(report, a, b);
+    df![
+        "a" => column(report, |c| c.a.as_str()),
+        "b" => column(report, |c| c.b.as_str()),
+        "n" => column(report, |c| c.n as u64),
+        "m" => column(report, |c| c.m as u64),
+        "p" => column(report, |c| c.level.p),
+        "smallest_p" => column(report, |c| c.level.smallest_p),
+        "labellings" => column(report, |c| c.level.labellings),
+        "method" => column(report, |c| c.level.coverage.name()),
+        "p_kolmogorov_smirnov" => column(report, |c| c.shape.kolmogorov_smirnov.p),
+        "p_anderson_darling" => column(report, |c| c.shape.anderson_darling.p),
+        "p_energy" => column(report, |c| c.shape.energy.p),
+        "shape_labellings" => column(report, |c| c.shape.energy.labellings),
+        "p_holm" => column(report, |c| c.p_holm),
+        "p_benjamini_yekutieli" => column(report, |c| c.p_benjamini_yekutieli),
+        "p_max_t" => column(report, |c| c.p_max_t),
+        "verdict" => column(report, |c| c.verdict.name()),
+        "unlike" => column(report, |c| unlike(&c.a, &c.b)),
+        "shift_m" => value(|e| &e.shift_m),
+        "shift_low_m" => low(|e| &e.shift_m),
+        "shift_high_m" => high(|e| &e.shift_m),
+        "shift_confidence" => column(report, |c| c.effect.shift_m.interval.map(|i| i.confidence)),
+        "wasserstein_m" => value(|e| &e.wasserstein_m),
+        "wasserstein_low_m" => low(|e| &e.wasserstein_m),
+        "wasserstein_high_m" => high(|e| &e.wasserstein_m),
+        "superiority" => value(|e| &e.superiority),
+        "superiority_low" => low(|e| &e.superiority),
+        "superiority_high" => high(|e| &e.superiority),
+    ]
+}
+
+/// What is not the same of the experiments of two scenarios; none if they ran the same.
+fn unlike(report: &Report, a: &str, b: &str) -> Option<String> {
+    let fields = report.unlike(a, b);
+    (!fields.is_empty()).then(|| fields.join(" "))
+}
+
+/// One row a period that counts.
+pub(crate) fn samples(report: &Report) -> Pieces<'_> {
+    Box::new(iter::once_with(|| all_samples(report)))
+}
+
+fn all_samples(report: &Report) -> PolarsResult<DataFrame> {
+    let mut columns = (Vec::new(), Vec::new(), Vec::new(), Vec::new());
+    for sample in &report.samples {
+        for (period, error_m) in (sample.first_period..).zip(&sample.errors_m) {
+            columns.0.push(sample.scenario.as_str());
+            columns.1.push(sample.window);
+            columns.2.push(period);
+            columns.3.push(*error_m);
+        }
+    }
+    df!["scenario" => columns.0, "window" => columns.1, "period" => columns.2, "error_m" => columns.3]
+}
+
+/// One row a period and direction of the windows that count, whether or not the period counts.
+pub(crate) fn packets(report: &Report) -> Pieces<'_> {
+    Box::new(iter::once_with(|| all_packets(report)))
+}
+
+fn all_packets(report: &Report) -> PolarsResult<DataFrame> {
+    struct Row<'a> {
+        scenario: &'a str,
+        window: u32,
+        period: u32,
+        topic: Topic,
+        packets: &'a PeriodTraffic,
+    }
+    let mut rows = Vec::new();
+    for (scenario, found) in &report.traffic.scenarios {
+        for window in &found.windows {
+            for direction in &window.directions {
+                rows.extend((1..).zip(&direction.periods).map(|(period, packets)| Row {
+                    scenario,
+                    window: window.window,
+                    period,
+                    topic: direction.topic,
+                    packets,
+                }));
+            }
+        }
+    }
+    fn column<'a, T>(rows: &[Row<'a>], of: impl Fn(&Row<'a>) -> T) -> Vec<T> {
+        rows.iter().map(of).collect()
+    }
+    df![
+        "scenario" => column(&rows, |row| row.scenario),
+        "window" => column(&rows, |row| row.window),
+        "period" => column(&rows, |row| row.period),
+        "topic" => column(&rows, |row| row.topic.name()),
+        "sent" => column(&rows, |row| row.packets.sent),
+        "sent_again" => column(&rows, |row| row.packets.sent_again),
+        "lost" => column(&rows, |row| row.packets.lost),
+        "overtaken" => column(&rows, |row| row.packets.overtaken),
+        "one_way_s" => column(&rows, |row| row.packets.one_way_s),
+        "round_trip_s" => column(&rows, |row| row.packets.round_trip_s),
+        "jitter_s" => column(&rows, |row| row.packets.jitter_s),
+        "longest_gap_s" => column(&rows, |row| row.packets.longest_gap_s),
+    ]
+}
+
+pub(crate) fn csv(pieces: Pieces<'_>, out: &mut impl Write) -> PolarsResult<()> {
+    for (nth, piece) in pieces.enumerate() {
+        CsvWriter::new(&mut *out)
+            .include_header(nth == 0)
+            .finish(&mut piece?)?;
+    }
+    Ok(())
+}
+
+pub(crate) fn parquet(pieces: Pieces<'_>, out: &mut impl Write) -> PolarsResult<()> {
+    let mut pieces = pieces.peekable();
+    let schema = match pieces.peek() {
+        Some(Ok(first)) => first.schema().clone(),
+        // A piece that cannot be made says so below.
+        Some(Err(_)) | None => Default::default(),
+    };
+    // What every reader can read matters more than the size.
+    let mut writer = ParquetWriter::new(out)
+        .with_compression(ParquetCompression::Uncompressed)
+        .batched(&schema)?;
+    for piece in pieces {
+        writer.write_batch(&piece?)?;
+    }
+    writer.finish()?;
+    Ok(())
+}
+
+#[cfg(test)]
+mod tests {
+    use std::io::Cursor;
+
+    use polars::prelude::{ParquetReader, SerReader};
+
+    use super::*;
+
+    fn pieces() -> Pieces<'static> {
+        let piece = |from: u32| df!["window" => [from, from + 1], "unlike" => [None, Some("rate")]];
+        Box::new([1, 3, 5].into_iter().map(piece))
+    }
+
+    #[test]
+    fn pieces_are_one_table() {
+        let mut text = Vec::new();
+        csv(pieces(), &mut text).unwrap();
+        assert_eq!(
+            String::from_utf8(text).unwrap(),
+            "window,unlike\n1,\n2,rate\n3,\n4,rate\n5,\n6,rate\n"
+        );
+        let mut bytes = Vec::new();
+        parquet(pieces(), &mut bytes).unwrap();
+        let read = ParquetReader::new(Cursor::new(bytes)).finish().unwrap();
+        let windows: Vec<u32> = read
+            .column("window")
+            .unwrap()
+            .u32()
+            .unwrap()
+            .into_no_null_iter()
+            .collect();
+        assert_eq!(windows, [1, 2, 3, 4, 5, 6]);
+    }
+
+    #[test]
+    fn a_table_without_rows_has_its_columns() {
+        let empty = || -> Pieces<'static> { Box::new(iter::once(df!["window" => [0_u32; 0]])) };
+        let (mut text, mut bytes) = (Vec::new(), Vec::new());
+        csv(empty(), &mut text).unwrap();
+        parquet(empty(), &mut bytes).unwrap();
+        assert_eq!(text, b"window\n");
+        let read = ParquetReader::new(Cursor::new(bytes)).finish().unwrap();
+        assert_eq!(read.shape(), (0, 1));
+    }
+}

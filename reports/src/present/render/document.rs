@@ -1,0 +1,526 @@
+//! `report.json`, type by type, in the order in which its fields are written. A field's comment is its description in the JSON
+//! Schema that `matrix schema report` prints. The main type is [`ReportDocument`]; `json` fills it.
+
+pub(super) mod packets;
+
+use std::collections::BTreeMap;
+
+use record::{
+    family::Family,
+    report_settings::{ErrorOf, Method, Metric, WarmUp},
+    run_directory::{EnvironmentRecord, Revision},
+    settings::Dynamics,
+    window::ReleaseRecord,
+};
+use serde::{Serialize, Serializer};
+use serde_json::{Map, Value};
+
+use self::packets::{PacketCount, PacketExplanation, ScenarioPackets};
+use crate::analysis::{comparison::Comparison, conclusion::Stratum, report::Report};
+
+/// What a run showed: `report.json` of a run directory, and the output of `matrix report --json`.
+#[derive(Serialize)]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
+#[cfg_attr(feature = "schema", schemars(title = "report.json"))]
+pub struct ReportDocument<'a> {
+    /// The run's name.
+    pub run: &'a str,
+    /// When the run was requested, RFC 3339.
+    pub created: &'a str,
+    /// The run directories that the report is made of.
+    pub runs: Vec<RunEntry<'a>>,
+    /// Whether any number was made up by the provider `fake`.
+    pub simulated: bool,
+    /// The significance level: a comparison with a smaller p is rejected.
+    pub alpha: f64,
+    /// How p-values are computed.
+    pub method: Method,
+    /// What is averaged over each period, in metres.
+    pub metric: Metric,
+    /// The positions that the error is of.
+    pub error: ErrorOf,
+    /// Periods left out at the start of each run of the loop.
+    pub discard_periods: u32,
+    /// What is done about a window that warms up for longer than that.
+    pub warm_up: WarmUp,
+    /// The experimental controls, by axis values.
+    pub control: &'a BTreeMap<String, String>,
+    /// What to know before believing the rest.
+    pub remarks: &'a [String],
+    /// Every scenario of the plan, in letter order.
+    pub scenarios: Vec<ScenarioEntry<'a>>,
+    /// The scenarios that cannot run here.
+    pub infeasible: Vec<Unmeasured<'a>>,
+    /// The scenarios for which the infrastructure failed.
+    pub errored: Vec<Unmeasured<'a>>,
+    /// The counts of rejected window pairs of one scenario; only where two windows were compared.
+    pub within: Vec<CountWithin<'a>>,
+    /// The counts of rejected window pairs of two scenarios; `a` comes before `b` in the plan.
+    pub between: Vec<CountBetween<'a>>,
+    /// Every two scenarios that did not run the same experiment.
+    pub unlike: Vec<UnlikePair<'a>>,
+    /// The declared family of pairs, with the window as the unit.
+    pub family: FamilyEntry<'a>,
+    /// Every pair of the family with data, with the window as the unit.
+    pub contrasts: Vec<ContrastEntry<'a>>,
+    /// Every two virtualizations over all platforms, and every two operating systems, as a stratified test.
+    pub conclusions: Vec<ConclusionEntry<'a>>,
+    /// What became of the packets, for each scenario with captures.
+    pub packets: Vec<ScenarioPackets<'a>>,
+    /// The counts of rejected window pairs for each quantity of the packets.
+    pub packet_counts: Vec<PacketCount<'a>>,
+    /// Which quantities of the packets go with the differences in error.
+    pub packet_explanations: Vec<PacketExplanation<'a>>,
+    /// Every two windows; empty if there are more pairs than are listed.
+    #[cfg_attr(feature = "schema", schemars(with = "Vec<ComparisonEntry<'static>>"))]
+    pub comparisons: ComparisonList<'a>,
+}
+
+/// Every comparison. There may be half a million: each is made as it is written.
+pub struct ComparisonList<'a>(pub &'a Report);
+
+impl Serialize for ComparisonList<'_> {
+    fn serialize<S: Serializer>(&self, serializer: S) -> Result<S::Ok, S::Error> {
+        serializer.collect_seq(
+            self.0
+                .comparisons
+                .rows()
+                .map(|one| ComparisonEntry::of(self.0, &one)),
+        )
+    }
+}
+
+/// A run directory.
+#[derive(Serialize)]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
+pub struct RunEntry<'a> {
+    /// The run's name.
+    pub run: &'a str,
+    /// When the run was requested, RFC 3339.
+    pub created: &'a str,
+    /// The version of `matrix` that wrote it.
+    pub matrix_version: &'a str,
+    /// The revision of its sources; null where it is not known.
+    pub matrix_revision: Option<&'a Revision>,
+    /// Letters of the scenarios of which it has windows that count.
+    pub scenarios: &'a [String],
+}
+
+/// A scenario of the plan.
+#[derive(Serialize)]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
+pub struct ScenarioEntry<'a> {
+    /// Its letter.
+    pub id: &'a str,
+    /// Its name in files, such as `x86-64-debian-12-native`.
+    pub slug: &'a str,
+    /// Axis to value.
+    pub axes: &'a Map<String, Value>,
+    /// Whether it is an experimental control.
+    pub is_control: bool,
+    /// Which rules plant, controller and messages followed.
+    pub dynamics: Dynamics,
+    /// Dotted paths of the settings that are not as `dynamics` sets them.
+    pub overridden: &'a [String],
+    /// Whether its numbers were made up by the provider `fake`.
+    pub simulated: bool,
+    /// `completed`, `failed` (the workload reported a failure), `errored` (the infrastructure failed), `infeasible`,
+    /// `interrupted`, `not-selected`, `unfinished` (it started, and no end is recorded) or `not-started`.
+    pub outcome: String,
+    /// Why, if it is not completed.
+    pub reason: Option<&'a str>,
+    /// What to do about it.
+    pub hint: Option<&'a str>,
+    /// One for each window of the plan.
+    pub windows: Vec<WindowEntry<'a>>,
+    /// The windows that broke on the way, also if they were measured again.
+    pub broken: Vec<BrokenEntry<'a>>,
+    /// What its platform was; null if no record was written.
+    pub environment: Option<&'a EnvironmentRecord>,
+    /// How the values within its windows depend on each other; null without a window that counts.
+    pub within: Option<WithinEntry<'a>>,
+    /// How well its platform held the schedule; null without a window that counts.
+    pub health: Option<HealthEntry>,
+}
+
+/// A window of the plan.
+#[derive(Serialize)]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
+pub struct WindowEntry<'a> {
+    /// Its number, from 1.
+    pub window: u32,
+    /// `valid`, `suspect`, `invalid`, `broken` or `missing`.
+    pub verdict: &'static str,
+    /// Whether it counts.
+    pub counted: bool,
+    /// Values in its sample; 0 if it does not count.
+    pub n: usize,
+    /// Why, if it is not valid.
+    pub reasons: &'a [String],
+}
+
+/// A window that broke.
+#[derive(Serialize)]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
+pub struct BrokenEntry<'a> {
+    /// Its number, from 1.
+    pub window: u32,
+    /// The environment that measured it.
+    pub environment: &'a str,
+    /// How it broke.
+    pub reason: &'a str,
+}
+
+/// How the values within the windows of a scenario depend on each other, and whether its windows are steady.
+#[derive(Serialize)]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
+pub struct WithinEntry<'a> {
+    /// Autocorrelation of lag 1, 2, … periods; null where no two values differ.
+    pub autocorrelation: Option<&'a [f64]>,
+    /// Integrated autocorrelation time, in periods, at least 1.
+    pub autocorrelation_time_periods: Option<f64>,
+    /// How many independent values the values are worth.
+    pub effective_n: Option<f64>,
+    /// The windows of which a warm-up was cut; only if `warm_up` is `cut`.
+    pub cut: Vec<CutWindow>,
+    /// The windows that are not steady.
+    pub unsteady: Vec<UnsteadyWindow>,
+    /// Periods in a block when a change of level is looked for.
+    pub change_block_periods: usize,
+    /// What could not be looked for in which window.
+    pub not_looked_for: Vec<UnseenEntry>,
+}
+
+/// A window of which a warm-up was cut.
+#[derive(Serialize)]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
+pub struct CutWindow {
+    /// Its number, from 1.
+    pub window: u32,
+    /// Periods that were cut, beyond `discard_periods`.
+    pub periods: u32,
+}
+
+/// A window that is not steady.
+#[derive(Serialize)]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
+pub struct UnsteadyWindow {
+    /// Its number, from 1.
+    pub window: u32,
+    /// Its warm-up, in periods; null if it has none.
+    pub warm_up_periods: Option<f64>,
+    /// Periods before its change of level; null if it has none.
+    pub change_after_periods: Option<usize>,
+    /// By how much the level changes, in metres.
+    pub change_m: Option<f64>,
+    /// The p-value of that change.
+    pub change_p: Option<f64>,
+}
+
+/// What could not be looked for in a window.
+#[derive(Serialize)]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
+pub struct UnseenEntry {
+    /// Its number, from 1.
+    pub window: u32,
+    /// `warm-up` or `change of level`.
+    pub look: &'static str,
+    /// Why not.
+    pub reason: String,
+}
+
+/// How well a platform held the schedule, over the windows that count.
+#[derive(Serialize)]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
+pub struct HealthEntry {
+    /// Mean use of the processor by the workload, as a share of one core.
+    pub cpu_share: f64,
+    /// Share of the steps of both loops that began more than a tenth of a step late.
+    pub late_share: f64,
+    /// Steps of both loops that began a whole step late or more.
+    pub missed_deadlines: u64,
+    /// Ticks of both loops that were lost, because earlier ones had not ended.
+    pub lost_ticks: u64,
+    /// Share of control steps that had no newer state than the step before.
+    pub stale_share: f64,
+    /// Mean age of the state when it was used, in seconds; null if no state arrived.
+    pub state_age_s: Option<f64>,
+    /// The latest start of a step after it was due, in nanoseconds.
+    pub worst_lateness_ns: i64,
+    /// Packets that the kernel dropped before a capture had read them.
+    pub capture_dropped: u64,
+    /// How late the network emulator released packets; null without an emulator.
+    pub releases: Option<ReleaseRecord>,
+}
+
+/// A scenario that has no result.
+#[derive(Serialize)]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
+pub struct Unmeasured<'a> {
+    /// Its letter.
+    pub id: &'a str,
+    /// Its name in files.
+    pub slug: &'a str,
+    /// Why.
+    pub reason: Option<&'a str>,
+    /// What to do about it.
+    pub hint: Option<&'a str>,
+}
+
+/// How many window pairs of one scenario were rejected.
+#[derive(Serialize)]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
+pub struct CountWithin<'a> {
+    /// The scenario's letter.
+    pub id: &'a str,
+    /// Window pairs compared.
+    pub pairs: usize,
+    /// Those of them that were rejected.
+    pub rejected: usize,
+}
+
+/// How many window pairs of two scenarios were rejected.
+#[derive(Serialize)]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
+pub struct CountBetween<'a> {
+    /// Letter of the first scenario.
+    pub a: &'a str,
+    /// Letter of the second.
+    pub b: &'a str,
+    /// Window pairs compared.
+    pub pairs: usize,
+    /// Those of them that were rejected.
+    pub rejected: usize,
+    /// What of the two experiments is not the same; empty if they ran the same.
+    pub unlike: &'a [String],
+}
+
+/// Two scenarios that did not run the same experiment.
+#[derive(Serialize)]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
+pub struct UnlikePair<'a> {
+    /// Letter of the first.
+    pub a: &'a str,
+    /// Letter of the second.
+    pub b: &'a str,
+    /// What is not the same, such as `network.delay`.
+    pub fields: &'a [String],
+}
+
+/// A declared family of pairs of scenarios.
+#[derive(Serialize)]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
+pub struct FamilyEntry<'a> {
+    /// What was declared.
+    pub declared: &'a Family,
+    /// Pairs with data.
+    pub pairs: usize,
+    /// Letters of the pairs without data.
+    pub without_data: &'a [(String, String)],
+    /// The smallest shift of the error that matters, in metres; null if none was declared.
+    pub matters_m: Option<f64>,
+    /// Seed of the relabellings and resamples that are drawn.
+    pub seed: u64,
+    /// The relabellings of the whole family; null without a pair.
+    pub max_t: Option<MaxTEntry>,
+}
+
+/// The relabellings of a whole family.
+#[derive(Serialize)]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
+pub struct MaxTEntry {
+    /// Labellings examined, the observed one included.
+    pub labellings: u64,
+    /// `exact`, or `monte-carlo` if they were drawn.
+    pub method: &'static str,
+    /// The smallest p that a pair can have.
+    pub smallest_p: f64,
+}
+
+/// Two scenarios compared, with the window as the unit.
+#[derive(Serialize)]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
+pub struct ContrastEntry<'a> {
+    /// Letter of the first scenario.
+    pub a: &'a str,
+    /// Letter of the second.
+    pub b: &'a str,
+    /// Windows of the first that count.
+    pub n: usize,
+    /// Windows of the second that count.
+    pub m: usize,
+    /// p-value of the permutation test of the windows' levels.
+    pub p: f64,
+    /// The smallest p that any labelling of these values can have.
+    pub smallest_p: f64,
+    /// Labellings examined, the observed one included.
+    pub labellings: u64,
+    /// `exact`, or `monte-carlo` if labellings were drawn.
+    pub method: &'static str,
+    /// p-value of the permutation test of the Kolmogorov-Smirnov distance.
+    pub p_kolmogorov_smirnov: f64,
+    /// The same of the Anderson-Darling statistic.
+    pub p_anderson_darling: f64,
+    /// The same of the energy distance.
+    pub p_energy: f64,
+    /// Labellings examined for these three.
+    pub shape_labellings: u64,
+    /// The count of rejected window pairs with blocks in place of values; null if there are too many pairs.
+    pub blocks: Option<BlocksEntry>,
+    /// `p` adjusted by Holm's method.
+    pub p_holm: f64,
+    /// `p` adjusted by Benjamini and Yekutieli's method.
+    pub p_benjamini_yekutieli: f64,
+    /// `p` adjusted by the largest statistic of the family.
+    pub p_max_t: f64,
+    /// `cannot tell`, `not told apart`, `immaterial`, `differ`, `differ, matters` or `differ, size open`.
+    pub verdict: &'static str,
+    /// What of the two experiments is not the same; empty if they ran the same.
+    pub unlike: &'a [String],
+    /// How large the difference is, from the first to the second.
+    pub effect: EffectEntry,
+    /// What differs between the two environments, the most telling first.
+    pub differences: Vec<DifferenceEntry>,
+}
+
+/// The count of rejected window pairs, with blocks of neighbouring values dealt at random.
+#[derive(Serialize)]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
+pub struct BlocksEntry {
+    /// Periods in a block.
+    pub block: usize,
+    /// Window pairs with a block on each side.
+    pub pairs: usize,
+    /// Those of them that were rejected.
+    pub rejected: usize,
+    /// Those of them with blocks enough to be rejected.
+    pub possible: usize,
+}
+
+/// How large a difference is; positive, or above one half, where the second has the larger errors.
+#[derive(Serialize)]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
+pub struct EffectEntry {
+    /// Hodges-Lehmann shift of the window means, in metres.
+    pub shift_m: EstimateEntry,
+    /// Wasserstein-1 distance of the pooled values, in metres.
+    pub wasserstein_m: EstimateEntry,
+    /// Probability that a value of the second is larger than one of the first.
+    pub superiority: EstimateEntry,
+}
+
+/// An estimate with its interval.
+#[derive(Serialize)]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
+pub struct EstimateEntry {
+    /// The estimate.
+    pub value: f64,
+    /// Lower end of the interval; null with too few windows.
+    pub low: Option<f64>,
+    /// Upper end of the interval; null with too few windows.
+    pub high: Option<f64>,
+    /// The confidence of the interval, 0 to 1; null with too few windows.
+    pub confidence: Option<f64>,
+}
+
+/// What differs between two environments.
+#[derive(Serialize)]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
+pub struct DifferenceEntry {
+    /// The field, such as `platform.cpu_governor`.
+    pub field: String,
+    /// Its value in the first; null if it has none.
+    pub a: Option<String>,
+    /// Its value in the second; null if it has none.
+    pub b: Option<String>,
+}
+
+/// Two values of an axis, compared over all platforms that have both.
+#[derive(Serialize)]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
+pub struct ConclusionEntry<'a> {
+    /// `virtualization` or `os`.
+    pub axis: &'static str,
+    /// The first value.
+    pub first: &'a str,
+    /// The second value.
+    pub second: &'a str,
+    /// Whether scenarios of a stratum also differ in hardware, because no hardware has both values.
+    pub hardware_differs: bool,
+    /// Where both values have windows that count.
+    pub strata: &'a [Stratum],
+    /// p-value of the stratified test.
+    pub p: f64,
+    /// `p` adjusted by Holm's method for all conclusions.
+    pub p_holm: f64,
+    /// The smallest p that so many windows in such strata can have.
+    pub smallest_p: f64,
+    /// Labellings examined, the observed one included.
+    pub labellings: u64,
+    /// `exact`, or `monte-carlo` if labellings were drawn.
+    pub method: &'static str,
+    /// By how much the window means of the second value are larger, in metres.
+    pub shift_m: EstimateEntry,
+}
+
+/// One window compared with another.
+#[derive(Serialize)]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
+pub struct ComparisonEntry<'a> {
+    /// Letter of the first scenario.
+    pub a: &'a str,
+    /// Number of its window, from 1.
+    pub a_window: u32,
+    /// Letter of the second scenario; the same one within a scenario.
+    pub b: &'a str,
+    /// Number of its window, from 1.
+    pub b_window: u32,
+    /// Values of the first window.
+    pub n: u64,
+    /// Values of the second.
+    pub m: u64,
+    /// The Kolmogorov-Smirnov distance, 0 to 1: `h` / `lcm` to the nearest double.
+    pub d: f64,
+    /// The distance with its sign: positive where the first window's errors are the smaller ones.
+    pub signed_d: f64,
+    /// The error at which it is attained, in metres; null where it is 0.
+    pub at_m: Option<f64>,
+    /// The distance exactly, in units of 1 / `lcm`.
+    pub h: u64,
+    /// The least common multiple of `n` and `m`.
+    pub lcm: u64,
+    /// p-value, two-sided; 0 where a double cannot hold it.
+    pub p: f64,
+    /// Its decimal logarithm, also where `p` is 0.
+    pub log10_p: f64,
+    /// How p was computed.
+    pub method: Method,
+    /// Whether the comparison is rejected.
+    pub rejected: bool,
+    /// What of the two experiments is not the same; empty if they ran the same.
+    pub unlike: &'a [String],
+}
+
+impl<'a> ComparisonEntry<'a> {
+    fn of(report: &'a Report, comparison: &Comparison<'a>) -> Self {
+        let test = &comparison.test;
+        Self {
+            a: comparison.a,
+            a_window: comparison.a_window,
+            b: comparison.b,
+            b_window: comparison.b_window,
+            n: test.n,
+            m: test.m,
+            d: test.d,
+            signed_d: test.signed_d,
+            at_m: test.at,
+            h: test.h,
+            lcm: test.lcm,
+            p: test.p,
+            log10_p: test.log10_p,
+            method: test.method,
+            rejected: comparison.rejected,
+            unlike: report.unlike(comparison.a, comparison.b),
+        }
+    }
+}

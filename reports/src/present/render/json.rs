@@ -1,0 +1,358 @@
+//! JSON: fills the types of `document`, the shape that others build on. Fields are added there, never renamed or taken away.
+
+use super::document::{
+    BlocksEntry, BrokenEntry, ComparisonList, ConclusionEntry, ContrastEntry, CountBetween, CountWithin,
+    CutWindow, DifferenceEntry, EffectEntry, EstimateEntry, FamilyEntry, HealthEntry, MaxTEntry,
+    ReportDocument, RunEntry, ScenarioEntry, UnlikePair, Unmeasured, UnseenEntry, UnsteadyWindow,
+    WindowEntry, WithinEntry,
+    packets::{
+        DirectionPackets, FactorEntry, PacketCount, PacketExplanation, ScenarioPackets, SpreadEntry,
+        UnreadableCapture, WindowPackets,
+    },
+};
+use crate::{
+    analysis::{
+        conclusion::Conclusion,
+        contrast::Contrast,
+        health::Health,
+        packet_counts::TrafficTally,
+        packet_explanations::{Explanation, Factor},
+        report::Report,
+        scenario::{ScenarioReport, Standing},
+        within::WithinWindows,
+    },
+    input::{
+        run::RunPart,
+        traffic::{DirectionTraffic, ScenarioTraffic, Spread},
+    },
+    present::Presentation,
+    statistics::effect::{Effect, Estimate},
+};
+
+pub(super) fn document<'a>(page: &'a Presentation<'a>) -> ReportDocument<'a> {
+    let report = page.report;
+    let settings = &report.settings;
+    let (within, between): (Vec<_>, Vec<_>) = report.tallies.iter().partition(|tally| tally.a == tally.b);
+    let of = |standing: Standing| {
+        report
+            .scenarios
+            .iter()
+            .filter(move |scenario| scenario.standing == standing)
+            .map(unmeasured)
+            .collect::<Vec<_>>()
+    };
+    ReportDocument {
+        run: &report.run,
+        created: &report.created,
+        runs: report.parts.iter().map(part).collect(),
+        simulated: report.is_simulated(),
+        alpha: settings.alpha,
+        method: settings.method,
+        metric: settings.metric,
+        error: settings.error,
+        discard_periods: settings.discard_periods,
+        warm_up: settings.warm_up,
+        control: &settings.control,
+        remarks: &page.remarks,
+        scenarios: report.scenarios.iter().map(scenario).collect(),
+        infeasible: of(Standing::Infeasible),
+        errored: of(Standing::Errored),
+        within: within
+            .into_iter()
+            .map(|tally| CountWithin {
+                id: &tally.a,
+                pairs: tally.pairs,
+                rejected: tally.rejected,
+            })
+            .collect(),
+        between: between
+            .into_iter()
+            .map(|tally| CountBetween {
+                a: &tally.a,
+                b: &tally.b,
+                pairs: tally.pairs,
+                rejected: tally.rejected,
+                unlike: report.unlike(&tally.a, &tally.b),
+            })
+            .collect(),
+        unlike: report
+            .unlike
+            .iter()
+            .map(|unlike| UnlikePair {
+                a: &unlike.a,
+                b: &unlike.b,
+                fields: &unlike.fields,
+            })
+            .collect(),
+        family: family(report),
+        contrasts: report
+            .contrasts
+            .pairs
+            .iter()
+            .map(|pair| contrast(report, pair))
+            .collect(),
+        conclusions: report.conclusions.iter().map(conclusion).collect(),
+        packets: report.traffic.scenarios.iter().map(packets).collect(),
+        packet_counts: report.traffic_tallies.iter().flat_map(packet_counts).collect(),
+        packet_explanations: report.explanations.iter().map(explanation).collect(),
+        comparisons: ComparisonList(report),
+    }
+}
+
+fn part(part: &RunPart) -> RunEntry<'_> {
+    RunEntry {
+        run: &part.run,
+        created: &part.created,
+        matrix_version: &part.matrix_version,
+        matrix_revision: part.matrix_revision.as_ref(),
+        scenarios: &part.scenarios,
+    }
+}
+
+fn scenario(scenario: &ScenarioReport) -> ScenarioEntry<'_> {
+    let windows = scenario.windows.iter().map(|window| WindowEntry {
+        window: window.number,
+        verdict: window.verdict,
+        counted: window.n > 0,
+        n: window.n,
+        reasons: &window.reasons,
+    });
+    let broken = scenario.broken.iter().map(|broken| BrokenEntry {
+        window: broken.window,
+        environment: &broken.environment,
+        reason: &broken.reason,
+    });
+    ScenarioEntry {
+        id: &scenario.id,
+        slug: &scenario.slug,
+        axes: &scenario.axes,
+        is_control: scenario.is_control,
+        dynamics: scenario.dynamics,
+        overridden: &scenario.overridden,
+        simulated: scenario.is_simulated,
+        outcome: scenario.standing.name().replace(' ', "-"),
+        reason: scenario.reason.as_deref(),
+        hint: scenario.hint.as_deref(),
+        windows: windows.collect(),
+        broken: broken.collect(),
+        environment: scenario.environment.as_ref(),
+        within: scenario.within.as_ref().map(within),
+        health: scenario.health.as_ref().map(health),
+    }
+}
+
+fn within(within: &WithinWindows) -> WithinEntry<'_> {
+    let dependence = within.dependence.as_ref();
+    let cut = within
+        .cut
+        .iter()
+        .map(|&(window, periods)| CutWindow { window, periods });
+    let unsteady = within.unsteady.iter().map(|(window, found)| UnsteadyWindow {
+        window: *window,
+        warm_up_periods: found.warm_up,
+        change_after_periods: found.change.map(|change| change.after),
+        change_m: found.change.map(|change| change.by),
+        change_p: found.change.map(|change| change.p),
+    });
+    let unseen = within.unseen.iter().map(|(window, look, why)| UnseenEntry {
+        window: *window,
+        look: look.name(),
+        reason: why.to_string(),
+    });
+    WithinEntry {
+        autocorrelation: dependence.map(|found| found.autocorrelation.as_slice()),
+        autocorrelation_time_periods: dependence.map(|found| found.time),
+        effective_n: dependence.map(|found| found.effective),
+        cut: cut.collect(),
+        unsteady: unsteady.collect(),
+        change_block_periods: within.change_block,
+        not_looked_for: unseen.collect(),
+    }
+}
+
+fn health(health: &Health) -> HealthEntry {
+    HealthEntry {
+        cpu_share: health.cpu_share,
+        late_share: health.late_share,
+        missed_deadlines: health.missed_deadlines,
+        lost_ticks: health.lost_ticks,
+        stale_share: health.stale_share,
+        state_age_s: health.state_age_s,
+        worst_lateness_ns: health.worst_lateness_ns,
+        capture_dropped: health.capture_dropped,
+        releases: health.releases,
+    }
+}
+
+fn unmeasured(scenario: &ScenarioReport) -> Unmeasured<'_> {
+    Unmeasured {
+        id: &scenario.id,
+        slug: &scenario.slug,
+        reason: scenario.reason.as_deref(),
+        hint: scenario.hint.as_deref(),
+    }
+}
+
+fn family(report: &Report) -> FamilyEntry<'_> {
+    let contrasts = &report.contrasts;
+    FamilyEntry {
+        declared: &contrasts.family,
+        pairs: contrasts.pairs.len(),
+        without_data: &contrasts.without_data,
+        matters_m: report.settings.matters.map(record::quantity::Length::metres),
+        seed: report.settings.seed,
+        max_t: contrasts.max_t.as_ref().map(|max_t| MaxTEntry {
+            labellings: max_t.labellings,
+            method: max_t.coverage.name(),
+            smallest_p: max_t.smallest_p,
+        }),
+    }
+}
+
+fn contrast<'a>(report: &'a Report, pair: &'a Contrast) -> ContrastEntry<'a> {
+    let differences = report.differences(&pair.a, &pair.b).into_iter();
+    let differences = differences.map(|one| DifferenceEntry {
+        field: one.field,
+        a: one.first,
+        b: one.second,
+    });
+    ContrastEntry {
+        a: &pair.a,
+        b: &pair.b,
+        n: pair.n,
+        m: pair.m,
+        p: pair.level.p,
+        smallest_p: pair.level.smallest_p,
+        labellings: pair.level.labellings,
+        method: pair.level.coverage.name(),
+        p_kolmogorov_smirnov: pair.shape.kolmogorov_smirnov.p,
+        p_anderson_darling: pair.shape.anderson_darling.p,
+        p_energy: pair.shape.energy.p,
+        shape_labellings: pair.shape.energy.labellings,
+        blocks: pair.blocks.map(|blocks| BlocksEntry {
+            block: blocks.block,
+            pairs: blocks.pairs,
+            rejected: blocks.rejected,
+            possible: blocks.possible,
+        }),
+        p_holm: pair.p_holm,
+        p_benjamini_yekutieli: pair.p_benjamini_yekutieli,
+        p_max_t: pair.p_max_t,
+        verdict: pair.verdict.name(),
+        unlike: report.unlike(&pair.a, &pair.b),
+        effect: effect(&pair.effect),
+        differences: differences.collect(),
+    }
+}
+
+fn conclusion(one: &Conclusion) -> ConclusionEntry<'_> {
+    ConclusionEntry {
+        axis: one.axis,
+        first: &one.first,
+        second: &one.second,
+        hardware_differs: one.hardware_differs,
+        strata: &one.strata,
+        p: one.test.p,
+        p_holm: one.p_holm,
+        smallest_p: one.smallest_p,
+        labellings: one.test.labellings,
+        method: one.test.coverage.name(),
+        shift_m: estimate(&one.shift_m),
+    }
+}
+
+fn effect(effect: &Effect) -> EffectEntry {
+    EffectEntry {
+        shift_m: estimate(&effect.shift_m),
+        wasserstein_m: estimate(&effect.wasserstein_m),
+        superiority: estimate(&effect.superiority),
+    }
+}
+
+fn estimate(estimate: &Estimate) -> EstimateEntry {
+    EstimateEntry {
+        value: estimate.value,
+        low: estimate.interval.map(|interval| interval.low),
+        high: estimate.interval.map(|interval| interval.high),
+        confidence: estimate.interval.map(|interval| interval.confidence),
+    }
+}
+
+/// The packets of a scenario's windows.
+fn packets<'a>((id, found): (&'a String, &'a ScenarioTraffic)) -> ScenarioPackets<'a> {
+    let windows = found.windows.iter().map(|window| WindowPackets {
+        window: window.window,
+        dropped: window.dropped,
+        directions: window.directions.iter().map(direction).collect(),
+    });
+    let unreadable = found.unreadable.iter().map(|(window, reason)| UnreadableCapture {
+        window: *window,
+        reason,
+    });
+    ScenarioPackets {
+        id,
+        windows: windows.collect(),
+        unreadable: unreadable.collect(),
+    }
+}
+
+fn direction(direction: &DirectionTraffic) -> DirectionPackets {
+    DirectionPackets {
+        topic: direction.topic.name(),
+        sent: direction.total(|period| period.sent),
+        sent_again: direction.total(|period| period.sent_again),
+        lost: direction.total(|period| period.lost),
+        overtaken: direction.total(|period| period.overtaken),
+        strays: direction.strays,
+        one_way: direction.one_way.as_ref().map(spread),
+        round_trip: direction.round_trip.as_ref().map(spread),
+        jitter: direction.jitter.as_ref().map(spread),
+        gap: direction.gap.as_ref().map(spread),
+    }
+}
+
+fn spread(spread: &Spread) -> SpreadEntry {
+    SpreadEntry {
+        count: spread.count,
+        mean_s: spread.mean_s,
+        min_s: spread.min_s,
+        median_s: spread.median_s(),
+        p99_s: spread.p99_s(),
+        max_s: spread.max_s,
+    }
+}
+
+fn packet_counts(one: &TrafficTally) -> impl Iterator<Item = PacketCount<'_>> {
+    one.tallies.iter().map(move |tally| PacketCount {
+        topic: one.topic.name(),
+        quantity: one.quantity.name(),
+        a: &tally.a,
+        b: &tally.b,
+        pairs: tally.pairs,
+        rejected: tally.rejected,
+    })
+}
+
+fn explanation(one: &Explanation) -> PacketExplanation<'_> {
+    PacketExplanation {
+        a: &one.a,
+        b: &one.b,
+        shift_m: one.shift_m,
+        factors: one.factors.iter().map(factor).collect(),
+    }
+}
+
+fn factor(factor: &Factor) -> FactorEntry {
+    FactorEntry {
+        topic: factor.topic.name(),
+        quantity: factor.quantity.name(),
+        unit: match factor.quantity.is_time() {
+            true => "s",
+            false => "packets a period",
+        },
+        difference: factor.difference,
+        correlation: factor.correlation,
+        slope_m: factor.slope_m,
+        part_m: estimate(&factor.part_m),
+    }
+}

@@ -1,0 +1,132 @@
+//! Markdown that is also meant to be read as it is, on a terminal of 80 columns.
+
+use comfy_table::{CellAlignment, ContentArrangement, presets::ASCII_MARKDOWN};
+use record::run_directory::EnvironmentRecord;
+
+use crate::{
+    analysis::{report::Report, scenario::ScenarioReport},
+    present::{Presentation, table::Table},
+};
+
+const WIDTH: usize = 80;
+
+pub(super) fn render(page: &Presentation<'_>) -> String {
+    let report = page.report;
+    let mut text = String::new();
+    block(&mut text, &format!("# Report of {}", plain(&report.run)));
+    for remark in &page.remarks {
+        block(&mut text, &wrapped(&format!("**{}**", plain(remark)), "> ", "> "));
+    }
+    let origins: Vec<String> = report
+        .origins()
+        .iter()
+        .map(|origin| wrapped(&plain(origin), "- ", "  "))
+        .collect();
+    block(&mut text, &origins.join("\n"));
+    block(&mut text, &wrapped(&plain(&report.method()), "", ""));
+    for table in &page.tables {
+        render_table(&mut text, table);
+    }
+    scenarios(&mut text, report);
+    text
+}
+
+fn block(text: &mut String, block: &str) {
+    if !text.is_empty() {
+        text.push('\n');
+    }
+    text.push_str(block);
+    text.push('\n');
+}
+
+fn render_table(text: &mut String, table: &Table) {
+    block(text, &format!("## {}", plain(&table.title)));
+    if !table.rows.is_empty() {
+        let mut drawn = comfy_table::Table::new();
+        drawn
+            .load_preset(ASCII_MARKDOWN)
+            .set_content_arrangement(ContentArrangement::Disabled);
+        drawn.set_header(table.columns.iter().map(|column| cell(&column.heading)));
+        for row in &table.rows {
+            drawn.add_row(row.iter().map(|text| cell(text)));
+        }
+        for (column, about) in drawn.column_iter_mut().zip(&table.columns) {
+            if about.is_number {
+                column.set_cell_alignment(CellAlignment::Right);
+            }
+        }
+        block(text, &drawn.to_string());
+    }
+    for note in &table.notes {
+        block(text, &wrapped(&plain(note), "", ""));
+    }
+}
+
+fn cell(text: &str) -> String {
+    plain(text).replace('|', "\\|")
+}
+
+fn scenarios(text: &mut String, report: &Report) {
+    block(text, "## Scenarios");
+    let lines: Vec<String> = report.scenarios.iter().map(scenario).collect();
+    block(text, &lines.join("\n"));
+}
+
+/// One list item for a scenario, and one below it for each thing to be said about it.
+fn scenario(scenario: &ScenarioReport) -> String {
+    let mut head = format!(
+        "**{}** {}: {}",
+        scenario.id,
+        scenario.slug,
+        scenario.standing.name()
+    );
+    if !scenario.windows.is_empty() {
+        head.push_str(&format!(
+            ", {} of {} windows count",
+            scenario.windows_counted(),
+            scenario.windows.len()
+        ));
+    }
+    if scenario.is_simulated {
+        head.push_str(" (simulated, not measured)");
+    }
+    let mut items = vec![wrapped(&plain(&head), "- ", "  ")];
+    let mut item = |text: String| items.push(wrapped(&plain(&text), "  - ", "    "));
+    if let Some(reason) = &scenario.reason {
+        item(reason.clone());
+    }
+    if let Some(hint) = &scenario.hint {
+        item(format!("to do: {hint}"));
+    }
+    for verdict in scenario.verdicts() {
+        item(format!("{verdict}: {}", verdict.reasons.join("; ")));
+    }
+    for broken in &scenario.broken {
+        item(format!(
+            "window {} broke in {}: {}",
+            broken.window, broken.environment, broken.reason
+        ));
+    }
+    for remark in scenario.environment.iter().flat_map(EnvironmentRecord::remarks) {
+        item(remark);
+    }
+    items.join("\n")
+}
+
+fn wrapped(text: &str, first: &str, rest: &str) -> String {
+    let options = textwrap::Options::new(WIDTH)
+        .initial_indent(first)
+        .subsequent_indent(rest)
+        .break_words(false)
+        .word_splitter(textwrap::WordSplitter::NoHyphenation);
+    textwrap::fill(text, options)
+}
+
+/// Without line breaks and control characters: a reason may come from a container's output, and this is a terminal.
+fn plain(text: &str) -> String {
+    let spaced: String = text
+        .chars()
+        .map(|c| if c.is_control() { ' ' } else { c })
+        .collect();
+    spaced.split_whitespace().collect::<Vec<_>>().join(" ")
+}

@@ -1,0 +1,271 @@
+//! The packets between controller and plant: what became of them, the counts that the tracking error has, and which of
+//! their quantities go with a difference in error.
+
+use std::collections::BTreeSet;
+
+use super::{NO_DATA, Table, no_data_note, texts};
+use crate::{
+    analysis::{
+        packet_explanations::{Explanation, Factor},
+        report::Report,
+    },
+    input::{
+        packets::Topic,
+        traffic::{DirectionTraffic, PeriodTraffic, Quantity, ScenarioTraffic, Spread, together},
+    },
+};
+
+/// How many factors are named for each pair.
+const NAMED: usize = 3;
+
+/// The tables; none if no scenario has captures.
+pub(super) fn of(report: &Report) -> Vec<Table> {
+    if report.traffic.scenarios.is_empty() {
+        return Vec::new();
+    }
+    vec![summary(report), counts(report), explained(report)]
+}
+
+fn summary(report: &Report) -> Table {
+    let mut rows = Vec::new();
+    for scenario in &report.scenarios {
+        let found = report.traffic.scenarios.get(&scenario.id);
+        for topic in Topic::ALL {
+            let mut row = vec![scenario.id.clone(), topic.name().to_owned()];
+            row.extend(found.and_then(|found| cells(found, topic)).unwrap_or_else(|| {
+                let mut none = vec!["–".to_owned(); 7];
+                none.push(NO_DATA.to_owned());
+                none
+            }));
+            rows.push(row);
+        }
+    }
+    let mut notes = vec![
+        "Times in ms. State: from plant to controller; command: back. A packet is a TCP segment with data. Delay: from the \
+         sender's capture to the receiver's, mean, and what 99 % do not exceed. Trip: until it was acknowledged, mean. \
+         Jitter: mean |D| of RFC 3550. Gap: the longest time without an arrival. Lost: of the packets sent; again: sent \
+         again. Over the windows that count; `packets.csv` has every period."
+            .to_owned(),
+    ];
+    notes.extend(behind_the_delay(report));
+    notes.extend(no_data_note(report.scenarios.iter()));
+    Table {
+        title: "Packets between controller and plant".to_owned(),
+        columns: texts(&[
+            ("", false),
+            ("topic", false),
+            ("sent", true),
+            ("delay", true),
+            ("99 %", true),
+            ("trip", true),
+            ("jitter", true),
+            ("gap", true),
+            ("lost", true),
+            ("again", true),
+        ]),
+        rows,
+        notes,
+    }
+}
+
+/// A note on the scenarios whose captures do not see the whole way.
+fn behind_the_delay(report: &Report) -> Option<String> {
+    let partial: Vec<&str> = report
+        .scenarios
+        .iter()
+        .filter(|scenario| !scenario.network.facts().captures_see_the_whole_way)
+        .map(|scenario| scenario.id.as_str())
+        .collect();
+    (!partial.is_empty()).then(|| {
+        format!(
+            "The kernel delays packets before they are captured where they are sent: of {} the delays and losses are those \
+             of the second half of the way, and are not to be held against those of other scenarios.",
+            partial.join(", ")
+        )
+    })
+}
+
+/// What one direction of a scenario comes to, over its windows; none without a packet.
+fn cells(found: &ScenarioTraffic, topic: Topic) -> Option<Vec<String>> {
+    let total = |count: fn(&PeriodTraffic) -> u32| -> u64 {
+        found
+            .directions(topic)
+            .map(|direction| direction.total(count))
+            .sum()
+    };
+    let sent = total(|period| period.sent);
+    if sent == 0 {
+        return None;
+    }
+    let mean = |of: fn(&DirectionTraffic) -> Option<&Spread>| {
+        let spreads = found.spreads(topic, of);
+        let count: u64 = spreads.iter().map(|spread| spread.count).sum();
+        let sum: f64 = spreads
+            .iter()
+            .map(|spread| spread.mean_s * spread.count as f64)
+            .sum();
+        (count > 0).then(|| sum / count as f64)
+    };
+    let curve = together(&found.spreads(topic, |direction| direction.one_way.as_ref()));
+    let p99_s = curve
+        .iter()
+        .find(|(_, share)| *share >= 0.99)
+        .map(|(time_s, _)| *time_s);
+    let gaps = found.spreads(topic, |direction| direction.gap.as_ref());
+    let longest_gap_s = gaps.iter().map(|gap| gap.max_s).reduce(f64::max);
+    Some(vec![
+        sent.to_string(),
+        milliseconds(mean(|direction| direction.one_way.as_ref())),
+        milliseconds(p99_s),
+        milliseconds(mean(|direction| direction.round_trip.as_ref())),
+        milliseconds(mean(|direction| direction.jitter.as_ref())),
+        milliseconds(longest_gap_s),
+        format!(
+            "{:.2} %",
+            total(|period| period.lost) as f64 / sent as f64 * 100.0
+        ),
+        total(|period| period.sent_again).to_string(),
+    ])
+}
+
+fn milliseconds(seconds: Option<f64>) -> String {
+    match seconds.map(|seconds| seconds * 1e3) {
+        None => "–".to_owned(),
+        Some(ms) if ms.abs() >= 99.95 => format!("{ms:.0}"),
+        Some(ms) if ms.abs() >= 9.995 => format!("{ms:.1}"),
+        Some(ms) => format!("{ms:.2}"),
+    }
+}
+
+fn counts(report: &Report) -> Table {
+    let mut seen = BTreeSet::new();
+    let mut rows = Vec::new();
+    let pairs = report.traffic_tallies.iter().flat_map(|one| &one.tallies);
+    let mut pairs: Vec<(&str, &str)> = pairs
+        .map(|tally| (tally.a.as_str(), tally.b.as_str()))
+        .filter(|pair| seen.insert(*pair))
+        .collect();
+    // Within the scenarios first.
+    pairs.sort_by_key(|(a, b)| (a != b, *a, *b));
+    for (a, b) in pairs {
+        for topic in Topic::ALL {
+            let tally = |quantity: Quantity| {
+                let of = report.traffic_tallies.iter();
+                let mut of = of.filter(|one| one.topic == topic && one.quantity == quantity);
+                of.next()?
+                    .tallies
+                    .iter()
+                    .find(|tally| tally.a == a && tally.b == b)
+            };
+            let of = Quantity::ALL.map(tally);
+            let most = of.iter().flatten().map(|tally| tally.pairs).max().unwrap_or(0);
+            let mut row = vec![
+                a.to_owned(),
+                b.to_owned(),
+                topic.name().to_owned(),
+                most.to_string(),
+            ];
+            row.extend(of.map(|tally| match tally {
+                None => NO_DATA.to_owned(),
+                Some(tally) if tally.pairs < most => format!("{}/{}", tally.rejected, tally.pairs),
+                Some(tally) => tally.rejected.to_string(),
+            }));
+            rows.push(row);
+        }
+    }
+    Table {
+        title: "Rejections on the packets, within and between scenarios".to_owned(),
+        columns: texts(&[
+            ("", false),
+            ("", false),
+            ("topic", false),
+            ("N", true),
+            ("delay", true),
+            ("trip", true),
+            ("jitter", true),
+            ("gap", true),
+            ("lost", true),
+            ("again", true),
+            ("late", true),
+        ]),
+        rows,
+        notes: vec![
+            "As Tables III to V, with one value a period: the mean of the delays, trips and jitters of the packets sent in it, \
+             its longest gap, and how many were lost, sent again and overtaken (late). Rejected, of N window pairs, by the \
+             same test at the same level; what holds of those counts holds of these."
+                .to_owned(),
+        ],
+    }
+}
+
+fn explained(report: &Report) -> Table {
+    let mut rows = Vec::new();
+    for one in &report.explanations {
+        let told: Vec<&Factor> = one
+            .factors
+            .iter()
+            .filter(|factor| factor.is_told())
+            .take(NAMED)
+            .collect();
+        if told.is_empty() {
+            let mut row = vec![
+                one.a.clone(),
+                one.b.clone(),
+                shift(one),
+                "none is told".to_owned(),
+            ];
+            row.extend(["–", "–", "–"].map(str::to_owned));
+            rows.push(row);
+        }
+        rows.extend(told.into_iter().map(|factor| explained_row(one, factor)));
+    }
+    Table {
+        title: "What of the packets goes with the difference in error".to_owned(),
+        columns: texts(&[
+            ("", false),
+            ("", false),
+            ("error (mm)", true),
+            ("quantity", false),
+            ("differs by", true),
+            ("r", true),
+            ("part (mm)", true),
+        ]),
+        rows,
+        notes: vec![format!(
+            "Of the second scenario against the first, means of window means. Part: of the difference in error, what goes with \
+             the difference in the quantity, by the slope of error on it from period to period within windows; r is their \
+             correlation there. Intervals are 95 % bootstraps over windows; the {NAMED} largest parts whose interval is \
+             without 0 are named. It goes with it, which is not to say that it causes it; quantities go with each other \
+             too, so parts do not add up."
+        )],
+    }
+}
+
+fn shift(one: &Explanation) -> String {
+    format!("{:+.2}", one.shift_m * 1e3)
+}
+
+fn explained_row(one: &Explanation, factor: &Factor) -> Vec<String> {
+    let mm = |metres: f64| format!("{:+.2}", metres * 1e3);
+    let interval = factor.part_m.interval;
+    vec![
+        one.a.clone(),
+        one.b.clone(),
+        shift(one),
+        format!("{} {}", factor.topic.name(), factor.quantity.name()),
+        match factor.quantity.is_time() {
+            true => format!("{:+.2} ms", factor.difference * 1e3),
+            false => format!("{:+.2}", factor.difference),
+        },
+        format!("{:+.2}", factor.correlation),
+        format!(
+            "{}{}",
+            mm(factor.part_m.value),
+            interval.map_or_else(String::new, |interval| format!(
+                " [{}, {}]",
+                mm(interval.low),
+                mm(interval.high)
+            ))
+        ),
+    ]
+}

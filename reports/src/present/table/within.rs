@@ -1,0 +1,114 @@
+//! What the values within the windows have to do with each other, and which windows are not steady.
+
+use record::report_settings::WarmUp;
+
+use super::{NO_DATA, Table, clipped, texts};
+use crate::{
+    analysis::{
+        report::Report,
+        within::{Look, WithinWindows},
+    },
+    statistics::stationarity::CHANGE_LEVEL,
+};
+
+pub(super) fn of(report: &Report) -> Table {
+    let rows = report
+        .scenarios
+        .iter()
+        .map(|scenario| {
+            let mut row = vec![scenario.id.clone(), clipped(&scenario.slug)];
+            let Some(within) = &scenario.within else {
+                row.extend(["–", "–", "–", NO_DATA].map(str::to_owned));
+                return row;
+            };
+            match &within.dependence {
+                Some(found) => row.extend([
+                    format!("{:+.2}", found.lag_one()),
+                    format!("{:.1}", found.time),
+                    format!("{:.0} of {}", found.effective, found.n),
+                ]),
+                None => row.extend(["–", "–", "–"].map(str::to_owned)),
+            }
+            row.push(match within.is_looked_at() {
+                true => within.unsteady.len().to_string(),
+                false => "–".to_owned(),
+            });
+            row
+        })
+        .collect();
+    let mut notes = vec![format!(
+        "Lag 1: correlation of a period's error with the next one's. Time: autocorrelation time in periods, by Geyer's \
+         initial positive sequence; so many values are worth one. Unsteady: windows that warm up beyond what is left out \
+         (MSER) or whose level changes (CUSUM, p < {CHANGE_LEVEL}, so about one in a hundred steady ones too). {}",
+        match report.settings.warm_up {
+            WarmUp::Flag => "Nothing is cut for it: `report.warm_up: cut` does that.",
+            WarmUp::Cut => "What warms up was cut (`report.warm_up`); a change of level is not.",
+        }
+    )];
+    for scenario in &report.scenarios {
+        let unseen = scenario.within.iter().flat_map(unseen);
+        notes.extend(unseen.map(|unseen| format!("{}: {unseen}", scenario.id)));
+        for (window, periods) in scenario.within.iter().flat_map(|within| &within.cut) {
+            let id = &scenario.id;
+            let periods = match periods {
+                1 => "1 period more was".to_owned(),
+                many => format!("{many} periods more were"),
+            };
+            notes.push(format!("{id} window {window}: warmed up, {periods} cut."));
+        }
+        for (window, found) in scenario.within.iter().flat_map(|within| &within.unsteady) {
+            let id = &scenario.id;
+            notes.extend(
+                found
+                    .warm_up
+                    .map(|periods| format!("{id} window {window}: warms up for {periods:.1} periods.")),
+            );
+            notes.extend(found.change.map(|change| {
+                format!(
+                    "{id} window {window}: its level changes by {:+.2} mm after {} periods, p = {:.4}.",
+                    change.by * 1e3,
+                    change.after,
+                    change.p
+                )
+            }));
+        }
+    }
+    Table {
+        title: "Within the windows".to_owned(),
+        columns: texts(&[
+            ("", false),
+            ("scenario", false),
+            ("lag 1", true),
+            ("time", true),
+            ("worth", true),
+            ("unsteady", true),
+        ]),
+        rows,
+        notes,
+    }
+}
+
+/// What could not be looked for, a sentence each.
+fn unseen(within: &WithinWindows) -> Vec<String> {
+    let of = |look: Look| {
+        let found = within.unseen.iter().filter(|(_, it, _)| *it == look);
+        let found: Vec<_> = found.collect();
+        let mut reasons: Vec<String> = found.iter().map(|(_, _, why)| why.to_string()).collect();
+        reasons.dedup();
+        let windows = match found.len() {
+            all if all == within.windows => "any window".to_owned(),
+            _ => {
+                let numbers: Vec<String> = found.iter().map(|(window, ..)| window.to_string()).collect();
+                format!("window {}", numbers.join(", "))
+            }
+        };
+        (!found.is_empty()).then(|| {
+            format!(
+                "no {} could be looked for in {windows} ({}).",
+                look.name(),
+                reasons.join("; ")
+            )
+        })
+    };
+    Look::ALL.into_iter().filter_map(of).collect()
+}

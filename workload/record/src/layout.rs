@@ -1,0 +1,55 @@
+//! Names of the files and folders that the workload writes and others read.
+
+/// What the platform was: a [`crate::platform::SurveyRecord`]; in a run directory what the orchestrator makes of it.
+pub const ENVIRONMENT: &str = "environment.json";
+/// How the network was made, as text.
+pub const NETWORK: &str = "network.txt";
+/// The lines that the workload printed ([`crate::progress`]).
+pub const PROGRESS: &str = "progress.jsonl";
+/// A window's record: a [`crate::window::WindowRecord`], written last.
+pub const WINDOW: &str = "window.json";
+/// A window's control steps ([`crate::control_log`]).
+pub const CONTROL_LOG: &str = "control.csv";
+/// A window's plant steps ([`crate::plant_log`]).
+pub const PLANT_LOG: &str = "plant.csv";
+/// The lines of a detached workload, where it is kept.
+pub const LINES: &str = "lines.jsonl";
+/// Whose a detached workload is ([`crate::detached::Owner`]).
+pub const OWNER: &str = "owner.json";
+
+const WINDOW_FOLDER: &str = "window-";
+
+/// The folder of a window; windows count from 1.
+#[must_use]
+pub fn window_folder(window: u32) -> String {
+    format!("{WINDOW_FOLDER}{window}")
+}
+
+/// The window whose folder has that name, which is written in one way only.
+#[must_use]
+pub fn window_of(folder: &str) -> Option<u32> {
+    let number = folder.strip_prefix(WINDOW_FOLDER)?;
+    let window: u32 = number.parse().ok()?;
+    (window > 0 && window.to_string() == number).then_some(window)
+}
+
+#[cfg(test)]
+mod tests {
+    use rstest::rstest;
+
+    use super::*;
+
+    #[rstest]
+    #[case("window-1", Some(1))]
+    #[case("window-4294967295", Some(u32::MAX))]
+    #[case("window-0", None)]
+    #[case("window-01", None)]
+    #[case("window-+1", None)]
+    #[case("window-4294967296", None)]
+    #[case("window-", None)]
+    #[case("windows-1", None)]
+    fn a_windows_folder_has_one_name(#[case] folder: &str, #[case] window: Option<u32>) {
+        assert_eq!(window_of(folder), window);
+        assert!(window.is_none_or(|window| window_folder(window) == folder));
+    }
+}

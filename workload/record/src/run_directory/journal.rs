@@ -1,0 +1,371 @@
+//! `events.jsonl`: what happened, one line an event, appended and synced before the thing it announces is done. The main
+//! types are [`Event`], [`JournalEntry`] and [`Journal`].
+//!
+//! Intent comes before effect: [`Event::EnvironmentCreating`] names every resource before it exists, so that whatever
+//! a crash leaves behind can be found. Nothing else knows the state of a run.
+
+use serde::{Deserialize, Serialize};
+
+use super::{
+    Chain, Place,
+    chain::Changed,
+    reading::{ReadError, read_file},
+};
+use crate::{name::name, progress::Progress, window::Verdict};
+
+/// One line of the journal.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct JournalEntry {
+    /// When, RFC 3339 with milliseconds, UTC.
+    pub at: String,
+    /// What.
+    #[serde(flatten)]
+    pub event: Event,
+}
+
+/// What happened. Scenarios are named by their slug, which is their identity everywhere.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(tag = "event", rename_all = "kebab-case")]
+pub enum Event {
+    /// A process began to work on the run, first or after an interruption.
+    RunStarted {
+        /// Its process number.
+        pid: u32,
+        /// Whether this goes on with an earlier start.
+        resumed: bool,
+        /// SHA-256 of `manifest.json`, in hexadecimal; none in runs of earlier versions.
+        #[serde(default, skip_serializing_if = "Option::is_none")]
+        manifest_sha256: Option<String>,
+        /// That of `plan.json`.
+        #[serde(default, skip_serializing_if = "Option::is_none")]
+        plan_sha256: Option<String>,
+    },
+    /// The host is held by another; waiting for it.
+    HostBusy {
+        /// The host.
+        host: String,
+        /// Who holds it, since when.
+        holder: String,
+    },
+    /// Work on a scenario began.
+    ScenarioStarted {
+        /// The scenario.
+        #[serde(deserialize_with = "name")]
+        scenario: String,
+        /// The windows that are still wanted.
+        windows: Vec<u32>,
+    },
+    /// An environment and its resources are about to be created.
+    EnvironmentCreating {
+        /// The scenario.
+        #[serde(deserialize_with = "name")]
+        scenario: String,
+        /// The environment's name; unique for ever.
+        #[serde(deserialize_with = "name")]
+        environment: String,
+        /// The provider.
+        provider: String,
+        /// The windows it is to measure.
+        windows: Vec<u32>,
+        /// All that will be created.
+        resources: Vec<Resource>,
+    },
+    /// The environment exists and the workload was started in it.
+    EnvironmentCreated {
+        /// The scenario.
+        #[serde(deserialize_with = "name")]
+        scenario: String,
+        /// The environment.
+        #[serde(deserialize_with = "name")]
+        environment: String,
+        /// What the provider knows of it: engine version, image digest, …
+        facts: serde_json::Map<String, serde_json::Value>,
+    },
+    /// An environment that an earlier process left was found again.
+    EnvironmentFound {
+        /// The scenario.
+        #[serde(deserialize_with = "name")]
+        scenario: String,
+        /// The environment.
+        #[serde(deserialize_with = "name")]
+        environment: String,
+        /// Whether its workload still runs.
+        running: bool,
+    },
+    /// What the workload said. `Health` and `Notice` go to those who watch, not into the journal.
+    Workload {
+        /// The scenario.
+        #[serde(deserialize_with = "name")]
+        scenario: String,
+        /// Its line.
+        progress: Progress,
+    },
+    /// Nothing was heard of a workload that says how it is each second: it stands still, or its host or engine does.
+    WorkloadSilent {
+        /// The scenario.
+        #[serde(deserialize_with = "name")]
+        scenario: String,
+        /// For how long, in seconds.
+        for_s: u64,
+    },
+    /// It was heard of again.
+    WorkloadHeard {
+        /// The scenario.
+        #[serde(deserialize_with = "name")]
+        scenario: String,
+        /// After how long, in seconds.
+        after_s: u64,
+    },
+    /// What the environment was is about to be written to the scenario's `environment.json`.
+    EnvironmentRecorded {
+        /// The scenario.
+        #[serde(deserialize_with = "name")]
+        scenario: String,
+        /// The environment.
+        #[serde(deserialize_with = "name")]
+        environment: String,
+        /// The file's SHA-256, in hexadecimal.
+        sha256: String,
+    },
+    /// A window is in the run directory, whole and verified.
+    WindowCollected {
+        /// The scenario.
+        #[serde(deserialize_with = "name")]
+        scenario: String,
+        /// The environment that measured it.
+        #[serde(deserialize_with = "name")]
+        environment: String,
+        /// Its number.
+        window: u32,
+        /// What it is worth.
+        verdict: Verdict,
+        /// SHA-256 of its `window.json` as it is in the run directory, in hexadecimal; none in runs of earlier versions.
+        #[serde(default, skip_serializing_if = "Option::is_none")]
+        sha256: Option<String>,
+    },
+    /// A window broke; what there is of it is kept aside and never counted.
+    WindowBroken {
+        /// The scenario.
+        #[serde(deserialize_with = "name")]
+        scenario: String,
+        /// The environment that measured it.
+        #[serde(deserialize_with = "name")]
+        environment: String,
+        /// Its number.
+        window: u32,
+        /// Why.
+        reason: String,
+    },
+    /// The environment's resources are about to be removed.
+    EnvironmentDiscarding {
+        /// The scenario.
+        #[serde(deserialize_with = "name")]
+        scenario: String,
+        /// The environment.
+        #[serde(deserialize_with = "name")]
+        environment: String,
+    },
+    /// None of the environment's resources is left.
+    EnvironmentDiscarded {
+        /// The scenario.
+        #[serde(deserialize_with = "name")]
+        scenario: String,
+        /// The environment.
+        #[serde(deserialize_with = "name")]
+        environment: String,
+    },
+    /// The environment stays, as it was wished: for `matrix shell`, until `matrix clean`.
+    EnvironmentKept {
+        /// The scenario.
+        #[serde(deserialize_with = "name")]
+        scenario: String,
+        /// The environment.
+        #[serde(deserialize_with = "name")]
+        environment: String,
+    },
+    /// Work on a scenario ended.
+    ScenarioFinished {
+        /// The scenario.
+        #[serde(deserialize_with = "name")]
+        scenario: String,
+        /// How.
+        outcome: Outcome,
+        /// Why, if not completed.
+        reason: Option<String>,
+        /// What to do about it.
+        hint: Option<String>,
+    },
+    /// All scenarios have an outcome.
+    RunFinished,
+    /// The run was asked to stop; it can be resumed.
+    RunInterrupted,
+}
+
+/// How a scenario ended.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum Outcome {
+    /// All windows are there.
+    Completed,
+    /// The workload said that the experiment went wrong.
+    Failed,
+    /// The infrastructure failed; says nothing of the experiment.
+    Errored,
+    /// It was asked to stop.
+    Interrupted,
+}
+
+impl Outcome {
+    /// Its name, as the journal has it.
+    #[must_use]
+    pub const fn name(self) -> &'static str {
+        match self {
+            Self::Completed => "completed",
+            Self::Failed => "failed",
+            Self::Errored => "errored",
+            Self::Interrupted => "interrupted",
+        }
+    }
+}
+
+/// One thing that exists outside the run directory because of us.
+#[derive(Debug, Clone, PartialEq, Eq, Hash, Serialize, Deserialize)]
+pub struct Resource {
+    /// The host it is on.
+    pub host: String,
+    /// What it is: `container`, `volume`, `image`, `process`, `directory`, `machine` or `bridge`.
+    pub kind: String,
+    /// Its name.
+    pub name: String,
+}
+
+/// Some hundred events a scenario with all its windows, and a thousand scenarios: a sixth of it.
+const LONGEST: u64 = 256 << 20;
+
+/// A journal as it was read.
+#[derive(Debug, Clone, Default, PartialEq)]
+pub struct Journal {
+    /// Its entries, in the order they were written.
+    pub entries: Vec<JournalEntry>,
+    /// The numbers of lines that a crash cut, from 1. What they were to announce had not been done.
+    pub cut_lines: Vec<usize>,
+    /// The checksums of the lines that are entries: the next one goes on from here.
+    pub chain: Chain,
+}
+
+impl Journal {
+    /// Whether all that it says is as it was written: journals of earlier versions do not know.
+    #[must_use]
+    pub fn is_checked(&self) -> bool {
+        self.entries.is_empty() || self.chain.is_checked()
+    }
+
+    /// Reads a journal. Lines that a crash cut are the last ones, or followed by a new start, which may have been cut
+    /// too: those are left out and remarked.
+    ///
+    /// # Errors
+    /// When the file is missing or cannot be read, another line is not an event, or one is not as it was written.
+    pub fn read(place: &Place) -> Result<Self, ReadError> {
+        let text = read_file(place, LONGEST)?;
+        let mut journal = Self::default();
+        let mut unreadable = Vec::new();
+        // By bytes, since a crash may cut a character in two.
+        let lines = text
+            .split(|byte| *byte == b'\n')
+            .enumerate()
+            .map(|(index, line)| (index + 1, line));
+        for (line, bytes) in lines.filter(|(_, bytes)| !bytes.trim_ascii().is_empty()) {
+            let entry = serde_json::from_slice::<JournalEntry>(bytes);
+            match entry {
+                Err(source) => unreadable.push((line, source)),
+                Ok(entry) => {
+                    let begins = matches!(entry.event, Event::RunStarted { .. });
+                    let mut cut = unreadable.drain(..);
+                    if let Some((line, source)) = cut.next() {
+                        if !begins {
+                            return Err(ReadError::Journal {
+                                path: place.path(),
+                                line,
+                                source,
+                            });
+                        }
+                        journal.cut_lines.push(line);
+                    }
+                    journal.cut_lines.extend(cut.map(|(line, _)| line));
+                    let followed = journal.chain.follow(bytes);
+                    followed.map_err(|Changed| ReadError::Damaged {
+                        path: place.path(),
+                        how: format!("line {line}, or one before it, is not as it was written"),
+                    })?;
+                    journal.entries.push(entry);
+                }
+            }
+        }
+        journal.cut_lines.extend(unreadable.iter().map(|(line, _)| line));
+        Ok(journal)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use std::fs;
+
+    use rstest::rstest;
+
+    use super::*;
+
+    const STARTED: &str = r#"{"at":"2026-11-21T04:00:00.000Z","event":"run-started","pid":7,"resumed":true}"#;
+    const INTERRUPTED: &str = r#"{"at":"2026-11-21T04:00:01.000Z","event":"run-interrupted"}"#;
+    const CUT: &str = r#"{"at":"2026-11-21T04:00:02.000Z","event":"run-fin"#;
+
+    fn read(lines: &[&str]) -> Result<Journal, ReadError> {
+        let folder = tempfile::tempdir().unwrap();
+        let place = Place::root(folder.path()).join("events.jsonl");
+        fs::write(place.path(), lines.join("\n")).unwrap();
+        Journal::read(&place)
+    }
+
+    #[rstest]
+    #[case(&[STARTED, INTERRUPTED], 2, &[])]
+    #[case(&[STARTED, CUT], 1, &[2])]
+    #[case(&[STARTED, CUT, ""], 1, &[2])]
+    #[case(&[STARTED, CUT, STARTED, INTERRUPTED, CUT], 3, &[2, 5])]
+    #[case(&[STARTED, CUT, CUT], 1, &[2, 3])]
+    #[case(&[STARTED, CUT, CUT, STARTED, INTERRUPTED], 3, &[2, 3])]
+    #[case(&[], 0, &[])]
+    fn a_line_that_a_crash_cut_is_left_out_and_remarked(
+        #[case] lines: &[&str],
+        #[case] entries: usize,
+        #[case] cut: &[usize],
+    ) {
+        let journal = read(lines).unwrap();
+        assert_eq!(
+            (journal.entries.len(), journal.cut_lines.as_slice()),
+            (entries, cut)
+        );
+    }
+
+    #[rstest]
+    #[case(&[STARTED, CUT, INTERRUPTED], 2)]
+    #[case(&[STARTED, CUT, CUT, INTERRUPTED], 2)]
+    #[case(&["not json", INTERRUPTED], 1)]
+    #[case(&[STARTED, r#"{"at":"x","event":"of-the-future"}"#, INTERRUPTED], 2)]
+    fn garbage_in_the_midst_is_an_error_with_its_line(#[case] lines: &[&str], #[case] wrong: usize) {
+        let Err(ReadError::Journal { line, .. }) = read(lines) else {
+            panic!("expected a journal error")
+        };
+        assert_eq!(line, wrong);
+    }
+
+    #[test]
+    fn a_host_is_as_earlier_versions_called_it() {
+        let busy = r#"{"at":"2026-11-21T04:00:00.000Z","event":"host-busy","host":"this machine","holder":"process 7"}"#;
+        assert_eq!(read(&[STARTED, busy]).unwrap().entries.len(), 2);
+    }
+
+    #[test]
+    fn a_missing_journal_is_a_half_written_run() {
+        let error = Journal::read(&Place::root("/nowhere").join("events.jsonl")).unwrap_err();
+        assert!(matches!(error, ReadError::HalfWritten { .. }));
+    }
+}

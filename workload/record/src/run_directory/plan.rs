@@ -1,0 +1,117 @@
+//! `plan.json`: every scenario, feasible or not, and the order they run in. The main type is [`PlanRecord`].
+
+use std::collections::BTreeSet;
+
+use serde::{Deserialize, Serialize};
+
+use crate::{
+    axis::text_of,
+    name::{name, name_if_any},
+    settings::{Settings, recorded},
+    window::Impossible,
+};
+
+/// The plan of a run.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct PlanRecord {
+    /// [`super::FORMAT`] at the time of writing.
+    pub format: u32,
+    /// Every scenario, in letter order.
+    pub scenarios: Vec<PlannedScenario>,
+    /// Letters of the feasible ones that were selected, in the order they run.
+    pub order: Vec<String>,
+    /// Time that measuring takes, in seconds: windows only, without setting up, on the host that has most of them.
+    pub measuring_s: f64,
+}
+
+/// One combination of axis values.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct PlannedScenario {
+    /// Its letter: a, b, … z, aa, ab, …
+    #[serde(deserialize_with = "name")]
+    pub id: String,
+    /// Its name in files, containers and logs, such as `i686-ubuntu-native`.
+    #[serde(deserialize_with = "name")]
+    pub slug: String,
+    /// Axis to value, in the matrix's order.
+    pub axes: serde_json::Map<String, serde_json::Value>,
+    /// Name of the host that runs it, when one offers what it needs.
+    #[serde(default, deserialize_with = "name_if_any")]
+    pub host: Option<String>,
+    /// Whether it can run.
+    pub feasible: bool,
+    /// Why not, when it cannot.
+    pub reason: Option<String>,
+    /// What would make it feasible, where something would.
+    pub fix: Option<String>,
+    /// Why it is left out of this run although it may be feasible, such as "not selected by `--only b`". It is in no
+    /// order then, and has no outcome.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub not_selected: Option<String>,
+    /// Whether its numbers are made up by its provider, and say nothing about any platform. Runs of earlier versions do not
+    /// say so: ask `reports::input::run::ScenarioRun::is_simulated`.
+    #[serde(default, skip_serializing_if = "std::ops::Not::not")]
+    pub simulated: bool,
+    /// The workload's settings, the axes' sweeps applied.
+    #[serde(deserialize_with = "recorded")]
+    pub settings: Settings,
+}
+
+impl PlanRecord {
+    /// More scenarios no matrix has.
+    pub const MOST_SCENARIOS: usize = 1000;
+    /// More windows no matrix has, of all scenarios.
+    pub const MOST_WINDOWS: u64 = 200_000;
+
+    /// Looks whether it is one that could have been planned: it comes from a run directory.
+    ///
+    /// # Errors
+    /// What is not.
+    pub fn check(&self) -> Result<(), Impossible> {
+        let wrong = |field, value: String| Err(Impossible { field, value });
+        if self.scenarios.len() > Self::MOST_SCENARIOS {
+            return wrong("scenarios", format!("a list of {}", self.scenarios.len()));
+        }
+        let windows: u64 = self
+            .scenarios
+            .iter()
+            .map(|it| u64::from(it.settings.windows))
+            .sum();
+        if windows > Self::MOST_WINDOWS {
+            return wrong("windows", format!("{windows} in all"));
+        }
+        let twice = |field, of: fn(&PlannedScenario) -> &String| {
+            let mut seen = BTreeSet::new();
+            let again = self.scenarios.iter().map(of).find(|name| !seen.insert(*name));
+            again.map_or(Ok(()), |name| wrong(field, format!("`{name}` twice")))
+        };
+        twice("id", |it| &it.id).and_then(|()| twice("slug", |it| &it.slug))
+    }
+}
+
+impl PlannedScenario {
+    /// Whether this run measures it.
+    #[must_use]
+    pub const fn runs(&self) -> bool {
+        self.feasible && self.not_selected.is_none()
+    }
+
+    /// The value of an axis as text, if the scenario has that axis.
+    #[must_use]
+    pub fn axis(&self, name: &str) -> Option<String> {
+        self.axes.get(name).map(text_of)
+    }
+}
+
+/// The letter of the scenario at an index from 0: a, b, … z, aa, ab, …
+#[must_use]
+pub fn letter(index: usize) -> String {
+    let mut letters = Vec::new();
+    let mut rest = index + 1;
+    while rest > 0 {
+        rest -= 1;
+        letters.push(char::from(b'a' + (rest % 26) as u8));
+        rest /= 26;
+    }
+    letters.iter().rev().collect()
+}
