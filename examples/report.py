@@ -45,7 +45,7 @@ table_3 = (
 )
 print(table_3)
 
-# IV: the controls against each other, and two virtualizations on each platform.
+# IV: the baseline scenarios, which the paper calls controls, against each other, and two virtualizations on each platform.
 controls = counts.filter("a_is_control", "b_is_control", ~pl.col("same_scenario"))
 virtualizations = counts.filter(
     ~pl.col("a_is_control"),
@@ -56,7 +56,7 @@ virtualizations = counts.filter(
 table_4 = pl.concat([controls, virtualizations]).select("a", "a_os", "b", "b_os", "pairs", "rejected")
 print(table_4)
 
-# V: each control against the others, which may stand on either side.
+# V: each baseline scenario against the others, which may stand on either side.
 turned = {"a": "b", "b": "a"}
 other_side = counts.rename(
     {name: turned[name[0]] + name[1:] for name in counts.columns if name[:2] in ("a", "b", "a_", "b_")}

@@ -40,7 +40,7 @@ const NOT_INHERITED_PREFIXES: [&str; 5] = [
 ];
 
 /// All that `matrix` is built of: a change here builds it again, and makes the tree dirty.
-const SOURCES: [&str; 14] = [
+const SOURCES: [&str; 20] = [
     "Cargo.lock",
     "Cargo.toml",
     "dockerfiles",
@@ -48,12 +48,18 @@ const SOURCES: [&str; 14] = [
     "orchestrator/build.rs",
     "orchestrator/src",
     "reports/Cargo.toml",
+    "reports/captures/Cargo.toml",
+    "reports/captures/src",
     "reports/src",
+    "reports/statistics/Cargo.toml",
+    "reports/statistics/src",
     "rust-toolchain.toml",
     "vagrant/Vagrantfile",
     "workload/Cargo.toml",
     "workload/record/Cargo.toml",
     "workload/record/src",
+    "workload/simulation/Cargo.toml",
+    "workload/simulation/src",
     "workload/src",
 ];
 
@@ -176,7 +182,7 @@ fn inner_cargo(workspace: &Path, target: &str, target_directory: &Path) -> Resul
     cargo
         .current_dir(workspace)
         .env("CARGO_ENCODED_RUSTFLAGS", flags(target_directory)?)
-        // The outer build has fetched all that is needed.
+        // The outer build has fetched all that is needed: tests/tests/inner_build.rs sees to it.
         .args(["build", "--offline", "--locked", "--color", "never"])
         .args(["--package", "workload", "--bin", "workload"])
         .args(["--profile", "deploy", "--target", target, "--target-dir"])

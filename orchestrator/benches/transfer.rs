@@ -21,13 +21,12 @@ use orchestrator::{
         Host,
         ssh::{SshClient, SshHost, Trust},
     },
-    matrix_file::Ssh,
     provider::{
         Environment as _, EnvironmentRequest,
         detached::{AgentClient, ClockReading, DetachedEnvironment},
     },
 };
-use record::settings::Settings;
+use record::{connection::Ssh, settings::Settings};
 use tests::sshd::{Sshd, user};
 
 const ROUNDS: usize = 7;

@@ -20,21 +20,17 @@ use async_trait::async_trait;
 use orchestrator::{
     host::{Deployed, Host, HostError, Listener, Program, RunningProgram},
     main_with,
-    matrix_file::SshAddress,
     provider::{
         Availability, Environment, EnvironmentRequest, Leftover, Making, Provider, ProviderError,
-        ProviderKind,
-        detached::{AgentClient, ClockReading, DetachedEnvironment},
+        ProviderKind, detached::HostProcesses,
     },
 };
-use record::{detached::ListedEnvironment, run_directory::Resource, settings::Need};
+use record::{connection::SshAddress, run_directory::Resource, settings::Need};
 use serde::Deserialize;
 use serde_json::{Map, Value, json};
 use tokio::net::UnixStream;
 
 const NAME: &str = "nice";
-/// The kind of an environment's folder, with which its process ends.
-const DIRECTORY: &str = "directory";
 
 /// The row. What it leaves out is as [`ProviderKind::new`] has it.
 static PROVIDERS: [ProviderKind; 1] = [ProviderKind {
@@ -81,8 +77,9 @@ fn make(making: &Making<'_>) -> Result<Box<dyn Provider>, ProviderError> {
         host: Arc::clone(making.host),
         level,
     };
+    let facts = Map::from_iter([("level".to_owned(), json!(level))]);
     Ok(Box::new(Nice {
-        agent: Arc::new(AgentClient::new(Arc::new(host))),
+        processes: HostProcesses::new(NAME, Arc::new(host), facts),
         level,
     }))
 }
@@ -132,35 +129,8 @@ impl Host for LowPriority {
 
 /// Processes with a low priority on one host.
 struct Nice {
-    agent: Arc<AgentClient>,
+    processes: HostProcesses,
     level: u8,
-}
-
-impl Nice {
-    fn resource(&self, environment: &str) -> Resource {
-        Resource {
-            host: self.agent.host().to_owned(),
-            kind: DIRECTORY.to_owned(),
-            name: environment.to_owned(),
-        }
-    }
-
-    async fn environment(
-        &self,
-        request: &EnvironmentRequest,
-        clock: ClockReading,
-        running: bool,
-    ) -> Result<Box<dyn Environment>, ProviderError> {
-        let mut facts = Map::new();
-        facts.insert("provider".to_owned(), json!(NAME));
-        facts.insert("level".to_owned(), json!(self.level));
-        let workload = self.agent.deployed().await?;
-        facts.insert("workload_sha256".to_owned(), json!(workload.sha256));
-        let agent = Arc::clone(&self.agent);
-        Ok(Box::new(DetachedEnvironment::new(
-            agent, request, facts, clock, running,
-        )))
-    }
 }
 
 #[async_trait]
@@ -171,7 +141,7 @@ impl Provider for Nice {
 
     async fn survey(&self) -> Availability {
         // The question itself is a program that is started by `nice`.
-        match self.agent.platform().await {
+        match self.processes.agent.platform().await {
             Ok(_) => Availability::Available {
                 detail: format!("level {}", self.level),
             },
@@ -180,57 +150,38 @@ impl Provider for Nice {
     }
 
     async fn survey_need(&self, need: &Need) -> Option<Availability> {
-        Some(self.agent.survey_need(need).await)
+        Some(self.processes.agent.survey_need(need).await)
     }
 
     fn resources(&self, request: &EnvironmentRequest) -> Vec<Resource> {
-        vec![self.resource(&request.environment)]
+        vec![self.processes.directory(&request.environment)]
     }
 
     async fn create(&self, request: &EnvironmentRequest) -> Result<Box<dyn Environment>, ProviderError> {
-        let (clock, _) = ClockReading::of(&self.agent).await?;
-        self.agent.start(NAME, request).await?;
-        self.environment(request, clock, true).await
+        self.processes.create(request).await
     }
 
     async fn find(
         &self,
         request: &EnvironmentRequest,
     ) -> Result<Option<Box<dyn Environment>>, ProviderError> {
-        let listed = self.agent.list().await?.environments;
-        let is_it = |it: &&ListedEnvironment| it.started && it.environment == request.environment;
-        let Some(found) = listed.iter().find(is_it) else {
-            return Ok(None);
-        };
-        let (clock, _) = ClockReading::of(&self.agent).await?;
-        let environment = self.environment(request, clock, found.running).await?;
-        Ok(Some(environment))
+        self.processes.find(request).await
     }
 
     async fn shell(&self, environment: &str) -> Result<Program, ProviderError> {
-        let folder = self.agent.deployed().await?.environments.join(environment);
-        let script = r#"cd "$1" && exec "${SHELL:-/bin/sh}""#;
-        let arguments = ["-c".into(), script.into(), "sh".into(), folder.into_os_string()];
-        Ok(Program::new("sh", arguments))
+        self.processes.shell(environment).await
     }
 
     async fn leftovers(&self) -> Result<Vec<Leftover>, ProviderError> {
-        let listed = self.agent.list().await?.environments;
-        let leftover = |it: ListedEnvironment| {
-            // A folder without an owner is the provider `native`'s to remove.
-            let owner = it.owner.filter(|owner| owner.provider == NAME)?;
-            Some(Leftover {
-                resource: self.resource(&it.environment),
-                run: Some(owner.run),
-                run_directory: Some(owner.run_directory),
-                scenario: Some(owner.scenario),
-                running: it.running,
-            })
-        };
-        Ok(listed.into_iter().filter_map(leftover).collect())
+        let listed = self.processes.agent.list().await?.environments;
+        Ok(self.processes.leftovers(listed).collect())
     }
 
     async fn remove(&self, leftover: &Leftover) -> Result<(), ProviderError> {
-        self.agent.remove(&leftover.resource.name).await.map(drop)
+        self.processes
+            .agent
+            .remove(&leftover.resource.name)
+            .await
+            .map(drop)
     }
 }

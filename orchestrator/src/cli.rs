@@ -4,7 +4,6 @@
 pub mod arguments;
 pub mod command;
 pub mod completion;
-pub mod exit;
 pub mod plain_log;
 pub mod progress_bars;
 mod session;

@@ -2,8 +2,7 @@
 
 use std::io;
 
-use record::settings::Settings;
-use workload::limits;
+use record::{limits, settings::Settings};
 
 /// What a control step leaves on the disk of its host: a line of the log (297 bytes measured) and the packets of a state
 /// and a command on three virtual hosts (1 245 bytes), with a little more for retransmissions. In the run directory

@@ -4,13 +4,12 @@ use std::process::ExitCode;
 
 use clap::{CommandFactory as _, Parser};
 use clap_complete::CompleteEnv;
-use workload::limits;
+use record::{exit::matrix::Exit, limits};
 
 use crate::{
     cli::{
         arguments::Arguments,
         command, completion,
-        exit::Exit,
         terminal::{self, CommandError},
     },
     provider::{Catalogue, ProviderKind},
@@ -26,22 +25,22 @@ pub fn main_with(outside: &'static [ProviderKind]) -> ExitCode {
         .complete();
     let arguments = Arguments::parse();
     // Whoever asked for JSON reads one answer, and finds it where the result would be.
-    let complain = |complaint: &CommandError| match arguments.command.wants_json() {
-        true => terminal::json(&complaint.to_json()),
-        false => terminal::complain(complaint),
+    let print = |failure: &CommandError| match arguments.command.wants_json() {
+        true => terminal::json(&failure.to_json()),
+        false => terminal::print_error(failure),
     };
     limits::fail_at_the_longest_file();
     if let Err(error) = limits::check() {
-        let complaint = CommandError::new(Exit::Infrastructure, &error, Some(error.hint()));
-        complain(&complaint);
-        return complaint.exit.into();
+        let failure = CommandError::new(Exit::Infrastructure, &error, Some(error.hint()));
+        print(&failure);
+        return failure.exit.into();
     }
     let catalogue = match Catalogue::with(outside) {
         Ok(catalogue) => catalogue,
         Err(error) => {
-            let complaint = CommandError::new(Exit::Wrong, &error, Some(error.hint()));
-            complain(&complaint);
-            return complaint.exit.into();
+            let failure = CommandError::new(Exit::Wrong, &error, Some(error.hint()));
+            print(&failure);
+            return failure.exit.into();
         }
     };
     let runtime = match tokio::runtime::Builder::new_multi_thread()
@@ -51,15 +50,15 @@ pub fn main_with(outside: &'static [ProviderKind]) -> ExitCode {
     {
         Ok(runtime) => runtime,
         Err(error) => {
-            terminal::remark(&format!("error: cannot start: {error}"));
+            terminal::print_note(&format!("error: cannot start: {error}"));
             return Exit::Infrastructure.into();
         }
     };
     let exit = runtime
         .block_on(command::execute(&arguments.command, catalogue))
-        .unwrap_or_else(|complaint| {
-            complain(&complaint);
-            complaint.exit
+        .unwrap_or_else(|failure| {
+            print(&failure);
+            failure.exit
         });
     // A thread that still waits for a lease must not keep the process alive.
     runtime.shutdown_background();

@@ -2,7 +2,7 @@
 
 use std::{error::Error, io};
 
-use workload::limits;
+use record::limits;
 
 /// The cause of an error, of whichever library it comes from.
 pub type Cause = Box<dyn Error + Send + Sync + 'static>;

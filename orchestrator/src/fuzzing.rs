@@ -14,11 +14,10 @@ use crate::{
     matrix_file::{self, MatrixFile},
     plan::{self, order::Order, selection::Selection},
     provider::{
-        EnvironmentRequest,
+        EnvironmentRequest, capability_probe,
         data_folder::{self, Allowance},
         detached::transfer,
         lines::Lines,
-        trial,
         vagrant::{output, ssh_config},
     },
     survey,
@@ -80,8 +79,8 @@ pub fn answers(bytes: &[u8]) {
     any::<Host>(bytes);
     any::<Failure>(bytes);
     any::<LeaseAnswer>(bytes);
-    if let Ok(record) = trial::answer(bytes) {
-        let _ = trial::availability(&record);
+    if let Ok(record) = capability_probe::answer(bytes) {
+        let _ = capability_probe::availability(&record);
     }
 }
 
@@ -146,6 +145,6 @@ pub fn vagrant(bytes: &[u8]) {
     for line in output::read(&printed) {
         let _ = output::value(std::slice::from_ref(&line), &line.kind);
     }
-    let _ = output::complaint(&printed, &printed);
+    let _ = output::failure(&printed, &printed);
     let _ = ssh_config::read(&printed);
 }

@@ -18,13 +18,11 @@ pub mod ssh;
 use std::{path::PathBuf, process, sync::Arc};
 
 use async_trait::async_trait;
+use record::connection::{Connection, SshAddress};
 use tokio::net::UnixStream;
 
 use self::ssh::{SshClient, SshHost, Trust};
-use crate::{
-    matrix_file::{Connection, SshAddress},
-    state_directory::StateDirectory,
-};
+use crate::state_directory::StateDirectory;
 
 pub use self::{
     error::HostError,

@@ -5,6 +5,8 @@
 //! host          a machine: programs and sockets on it, here or over SSH
 //! survey        what the hosts can do
 //! plan          MatrixFile, what hosts can do -> Plan           pure
+//! preparation   path of a matrix file -> Plan, by a survey or offline
+//! examination   all that a host can do, whatever a matrix needs
 //! run           Plan -> events -> run directory, by providers
 //! observer      events -> journal, and whoever watches
 //! cli           what a user asks for, made of these: all that reads arguments, prints and chooses an exit code
@@ -14,6 +16,7 @@ pub mod cli;
 pub mod disk_space;
 mod entry;
 pub mod escaping;
+pub mod examination;
 pub mod failure;
 #[doc(hidden)]
 pub mod fuzzing;
@@ -23,6 +26,7 @@ pub mod lease;
 pub mod matrix_file;
 pub mod observer;
 pub mod plan;
+pub mod preparation;
 pub mod provider;
 pub mod run;
 pub mod state_directory;

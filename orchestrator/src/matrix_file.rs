@@ -8,6 +8,7 @@ mod axes;
 pub mod diagnostic;
 mod hosts;
 mod places;
+mod renamed;
 mod report_option;
 mod schema;
 pub mod source;
@@ -33,16 +34,17 @@ use record::{
 pub use axes::{Assignment, Axes, Axis, AxisValue, Exclude, Include};
 pub(crate) use axes::{FEWER, SCENARIOS};
 pub use diagnostic::{Code, Diagnostic, DiagnosticRecord, Diagnostics, Severity};
-pub use hosts::{Connection, Host, Ssh, SshAddress, SshAddressError, THIS_MACHINE};
+pub use hosts::{Host, THIS_MACHINE};
 pub(crate) use places::Places;
 pub use report_option::ReportOption;
 pub use schema::schema;
 pub(crate) use spelling::{did_you_mean, list, propose};
 pub(crate) use sweep::Role;
 
-use crate::provider::{Catalogue, ProviderSettings};
 use source::{Source, Span, Spanned};
 use tree::{Content, Node};
+
+use crate::provider::{Catalogue, ProviderSettings};
 
 const MATRIX: &str = "matrix";
 const HOSTS: &str = "hosts";
@@ -130,7 +132,7 @@ impl MatrixFile {
         // A run goes on from any folder with what its file named.
         if let Some(folder) = absolute(path).ok().as_deref().and_then(Path::parent) {
             for host in &mut file.hosts {
-                host.connection.stands_beside(folder);
+                host.connection.name_files_from(folder);
             }
         }
         Ok(file)
@@ -155,8 +157,9 @@ impl MatrixFile {
         catalogue: Catalogue,
     ) -> Result<Self, Diagnostics> {
         let source = Arc::new(decode(name, bytes)?);
-        let tree = yaml::parse(&source)?;
+        let mut tree = yaml::parse(&source)?;
         let mut found = Diagnostics::new();
+        renamed::rename(&source, &mut tree, &mut found);
         check_sections(&source, &tree, &mut found);
         if !matches!(tree.content, Content::Mapping(_)) {
             return Err(found);

@@ -3,12 +3,12 @@
 
 use std::sync::{Mutex, MutexGuard, PoisonError};
 
-use record::{progress::Progress, run_directory::Event};
-
-use crate::{
-    journal::{Journal, JournalError},
-    run::state::{RunState, ScenarioState},
+use record::{
+    progress::Progress,
+    run_directory::{Event, JournalEntry, RunState, ScenarioState},
 };
+
+use crate::journal::{self, Journal, JournalError};
 
 /// Watches a run.
 pub trait Observer: Send {
@@ -18,10 +18,10 @@ pub trait Observer: Send {
 
 /// The one way by which execution says what happens: the journal first, then those who watch. Hosts that are at work side
 /// by side share it.
-pub struct Events(Mutex<Told>);
+pub struct Events(Mutex<Sinks>);
 
-/// What was said so far, and who is to be told.
-struct Told {
+/// What was said so far, and who is told.
+struct Sinks {
     journal: Journal,
     state: RunState,
     observers: Vec<Box<dyn Observer>>,
@@ -31,14 +31,14 @@ impl Events {
     /// Goes on from `state`, which the journal's earlier lines gave.
     #[must_use]
     pub fn new(journal: Journal, state: RunState, observers: Vec<Box<dyn Observer>>) -> Self {
-        Self(Mutex::new(Told {
+        Self(Mutex::new(Sinks {
             journal,
             state,
             observers,
         }))
     }
 
-    fn told(&self) -> MutexGuard<'_, Told> {
+    fn sinks(&self) -> MutexGuard<'_, Sinks> {
         // An observer that panicked leaves the journal and the state whole.
         self.0.lock().unwrap_or_else(PoisonError::into_inner)
     }
@@ -46,13 +46,13 @@ impl Events {
     /// Where the run stands after all that was said.
     #[must_use]
     pub fn state(&self) -> RunState {
-        self.told().state.clone()
+        self.sinks().state.clone()
     }
 
     /// Where a scenario of it stands.
     #[must_use]
     pub fn scenario(&self, slug: &str) -> ScenarioState {
-        self.told().state.scenario(slug)
+        self.sinks().state.scenario(slug)
     }
 
     /// Says that something happens, or is about to. It is on disk when this returns, but for the workload's health,
@@ -62,19 +62,24 @@ impl Events {
     /// # Errors
     /// When the journal cannot be written; the thing must then not be done.
     pub fn emit(&self, event: Event) -> Result<(), JournalError> {
-        let told = &mut *self.told();
-        if !matches!(
+        let sinks = &mut *self.sinks();
+        let is_journaled = !matches!(
             event,
             Event::Workload {
                 progress: Progress::Health { .. } | Progress::Notice { .. },
                 ..
             }
-        ) {
-            told.journal.append(event.clone())?;
-        }
-        told.state.apply(&event);
-        for observer in &mut told.observers {
-            observer.observe(&event);
+        );
+        let entry = match is_journaled {
+            true => sinks.journal.append(event)?,
+            false => JournalEntry {
+                at: journal::now(),
+                event,
+            },
+        };
+        sinks.state.apply(&entry);
+        for observer in &mut sinks.observers {
+            observer.observe(&entry.event);
         }
         Ok(())
     }

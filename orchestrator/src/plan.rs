@@ -1,10 +1,12 @@
 //! Matrix file and what the hosts can do -> every scenario, feasible or not and why, and the order they run in. The main
-//! function is [`plan`], the main type [`Plan`].
+//! function is [`plan`], the main type [`Plan`]. [`ExpandedMatrix`] is half of the way: it is known what the hosts are, and not
+//! what they can do.
 //!
 //! Pure: no clock, no host, no randomness but that of the seed. The same file, facts, selection and seed give the same
 //! plan, on every machine and in every version.
 
 pub mod attainable;
+mod environments;
 pub mod expansion;
 pub mod naming;
 pub mod order;
@@ -23,19 +25,21 @@ use record::{
 use serde_json::Value;
 
 pub use attainable::Attainable;
+pub use environments::EnvironmentDesign;
 use order::Order;
 pub use placement::{HostFacts, Obstacle, ProviderFacts};
 pub use selection::Selection;
-pub use units::WindowDesign;
+pub use units::{LevelSpread, PowerPoint, WindowDesign, WindowPower};
+
+use attainable::{fewest_values, smallest_p};
+use expansion::{Combination, expand};
+use placement::{HostCapabilities, fitting, place};
+use selection::Candidate;
 
 use crate::{
     matrix_file::{Code, Diagnostic, Diagnostics, FEWER, MatrixFile},
     provider::AskedRight,
 };
-use attainable::{fewest_values, smallest_p};
-use expansion::{Combination, expand};
-use placement::{Offer, fitting, place};
-use selection::Candidate;
 
 /// What will happen.
 #[derive(Debug, Clone, PartialEq)]
@@ -46,6 +50,8 @@ pub struct Plan {
     pub attainable: Option<Attainable>,
     /// What it can say with the window as the unit; none without a pair.
     pub windows: Option<WindowDesign>,
+    /// What it can say with the environment as the unit, which then decides; none without a pair, and where each scenario has one.
+    pub environments: Option<EnvironmentDesign>,
     /// The hosts that could not be asked what they can do, and why.
     pub silent: BTreeMap<String, String>,
     /// What environments of scenarios that run may do beyond what every environment of ours may.
@@ -57,37 +63,136 @@ pub struct Plan {
 /// What to ask of a host's providers, by their names: the needs of the scenarios that could run there, each once.
 pub type Questions = BTreeMap<String, BTreeSet<Need>>;
 
-/// What to ask the hosts before planning, by their names. Of the hosts no more has to be known than what they are. Nothing of a matrix in which something is wrong: that
-/// is for [`plan`] to say.
-#[must_use]
-pub fn questions(file: &MatrixFile, facts: &BTreeMap<String, HostFacts>) -> BTreeMap<String, Questions> {
-    let mut found = Diagnostics::default();
-    let offers = offers(file, facts);
-    let combinations = expand(file, &offers, &mut found);
-    let mut questions: BTreeMap<_, Questions> = BTreeMap::new();
-    for combination in combinations.iter().filter(|one| one.excluded.is_none()) {
-        let need = Need::of(&settings(file, combination, &mut found));
-        for offer in fitting(combination, &offers) {
-            questions
-                .entry(offer.host.clone())
-                .or_default()
-                .entry(combination.virtualization().to_owned())
-                .or_default()
-                .insert(need.clone());
-        }
-    }
-    if found.has_errors() {
-        return BTreeMap::new();
-    }
-    questions
+/// A matrix, expanded: every scenario with its settings, before a host is chosen. [`Self::questions`] lists what to ask the
+/// hosts, [`Self::plan`] places the scenarios by the answers.
+#[derive(Debug, Clone)]
+pub struct ExpandedMatrix<'a> {
+    file: &'a MatrixFile,
+    /// What the hosts are, not what they can do.
+    offers: Vec<HostCapabilities>,
+    combinations: Vec<Combination>,
+    /// Of each combination, in the same order.
+    settings: Vec<Settings>,
+    /// What is odd, and what is wrong with settings. [`Self::plan`] adds its own: all mistakes are reported together.
+    found: Diagnostics,
 }
 
-/// What the hosts offer, as far as it is known.
-fn offers(file: &MatrixFile, facts: &BTreeMap<String, HostFacts>) -> Vec<Offer> {
-    file.hosts
-        .iter()
-        .map(|host| Offer::of(host, facts.get(&host.name.value)))
-        .collect()
+impl<'a> ExpandedMatrix<'a> {
+    /// Expands the matrix of a file, for hosts of which `facts` are known, by host name. Of these, only what the hosts are is
+    /// read.
+    ///
+    /// # Errors
+    /// All that is wrong with the axes, excludes and includes, and what the file has of a host and is false.
+    pub fn of(file: &'a MatrixFile, facts: &BTreeMap<String, HostFacts>) -> Result<Self, Diagnostics> {
+        let mut found = file.warnings.clone();
+        let offers = offers(file, facts);
+        let combinations = expand(file, &offers, &mut found);
+        check_hosts(file, &combinations, &offers, &mut found);
+        let (combinations, mut found) = found.unless_errors(combinations)?;
+        let settings = combinations
+            .iter()
+            .map(|combination| settings(file, combination, &mut found))
+            .collect();
+        Ok(Self {
+            file,
+            offers,
+            combinations,
+            settings,
+            found,
+        })
+    }
+
+    /// What to ask the hosts before planning, by their names. Nothing where something is wrong: [`Self::plan`] then fails.
+    #[must_use]
+    pub fn questions(&self) -> BTreeMap<String, Questions> {
+        let mut questions: BTreeMap<_, Questions> = BTreeMap::new();
+        if self.found.has_errors() {
+            return questions;
+        }
+        let scenarios = std::iter::zip(&self.combinations, &self.settings);
+        for (combination, settings) in scenarios.filter(|(one, _)| one.excluded.is_none()) {
+            let need = Need::of(settings);
+            for offer in fitting(combination, &self.offers) {
+                questions
+                    .entry(offer.host.clone())
+                    .or_default()
+                    .entry(combination.virtualization().to_owned())
+                    .or_default()
+                    .insert(need.clone());
+            }
+        }
+        questions
+    }
+
+    /// Places the scenarios. The `facts` are of the same hosts, now with what their providers can do.
+    ///
+    /// # Errors
+    /// All that is wrong with settings, with the file as a whole, and with the selection.
+    pub fn plan(
+        self,
+        facts: &BTreeMap<String, HostFacts>,
+        selection: &Selection,
+        order: Order,
+        seed: u64,
+    ) -> Result<Plan, Diagnostics> {
+        let Self {
+            file,
+            combinations,
+            settings,
+            mut found,
+            ..
+        } = self;
+        let offers = offers(file, facts);
+        let mut scenarios = scenarios(file, &combinations, settings, &offers);
+        report_names::check(&file.places(), &file.report, &scenarios, &mut found);
+        let (left_out, mut found) = match selection.apply(&candidates(&scenarios)) {
+            Ok(left_out) => found.unless_errors(left_out)?,
+            Err(nothing) => {
+                found.extend(nothing);
+                return Err(found);
+            }
+        };
+        for (scenario, why) in std::iter::zip(&mut scenarios, left_out) {
+            scenario.not_selected = why;
+        }
+        let attainable = attainable(file, &combinations, &scenarios);
+        let windows = WindowDesign::of(&scenarios, &file.report);
+        if let Some(attainable) = attainable {
+            check_attainable(file, attainable, &mut found);
+        }
+        let running: Vec<_> = scenarios.iter().filter(|scenario| scenario.runs()).collect();
+        // Hosts are at work side by side: the last to be done decides.
+        let mut measuring_s = BTreeMap::<_, f64>::new();
+        for scenario in &running {
+            *measuring_s.entry(&scenario.host).or_default() += measuring_seconds(&scenario.settings);
+        }
+        check_windows(file, &scenarios, &mut found);
+        let used: BTreeSet<_> = running.iter().filter_map(|it| it.axis(VIRTUALIZATION)).collect();
+        let kinds = file.catalogue.kinds().filter(|kind| used.contains(kind.name));
+        let rights = kinds.flat_map(|kind| (kind.rights)(&file.providers)).collect();
+        let mut orders = order.rounds(&running, seed).into_iter();
+        let record = PlanRecord {
+            format: FORMAT,
+            order: orders.next().unwrap_or_default(),
+            later_rounds: orders.collect(),
+            measuring_s: measuring_s.into_values().fold(0.0, f64::max),
+            scenarios,
+        };
+        let (record, warnings) = found.unless_errors(record)?;
+        let environments = windows.and_then(|windows| EnvironmentDesign::of(&record.scenarios, &windows));
+        Ok(Plan {
+            record,
+            attainable,
+            environments,
+            windows,
+            silent: offers
+                .iter()
+                .filter_map(|offer| Some((offer.host.clone(), offer.silence()?.reason.clone())))
+                .collect(),
+            rights,
+            warnings,
+        })
+    }
 }
 
 /// Plans the scenarios of a matrix file on hosts of which `facts` are known, by host name.
@@ -101,61 +206,23 @@ pub fn plan(
     order: Order,
     seed: u64,
 ) -> Result<Plan, Diagnostics> {
-    let mut found = file.warnings.clone();
-    let offers = offers(file, facts);
-    let combinations = expand(file, &offers, &mut found);
-    check_hosts(file, &combinations, &offers, &mut found);
-    let (combinations, mut found) = found.unless_errors(combinations)?;
-    let mut scenarios = scenarios(file, &combinations, &offers, &mut found);
-    report_names::check(&file.places(), &file.report, &scenarios, &mut found);
-    let (left_out, mut found) = match selection.apply(&candidates(&scenarios)) {
-        Ok(left_out) => found.unless_errors(left_out)?,
-        Err(nothing) => {
-            found.extend(nothing);
-            return Err(found);
-        }
-    };
-    for (scenario, why) in std::iter::zip(&mut scenarios, left_out) {
-        scenario.not_selected = why;
-    }
-    let attainable = attainable(file, &combinations, &scenarios);
-    let windows = WindowDesign::of(&scenarios, &file.report);
-    if let Some(attainable) = attainable {
-        check_attainable(file, attainable, &mut found);
-    }
-    let running: Vec<_> = scenarios.iter().filter(|scenario| scenario.runs()).collect();
-    // Hosts are at work side by side: the last to be done decides.
-    let mut measuring_s = BTreeMap::<_, f64>::new();
-    for scenario in &running {
-        *measuring_s.entry(&scenario.host).or_default() += measuring_seconds(&scenario.settings);
-    }
-    check_windows(file, &scenarios, &mut found);
-    let used: BTreeSet<_> = running.iter().filter_map(|it| it.axis(VIRTUALIZATION)).collect();
-    let kinds = file.catalogue.kinds().filter(|kind| used.contains(kind.name));
-    let rights = kinds.flat_map(|kind| (kind.rights)(&file.providers)).collect();
-    let record = PlanRecord {
-        format: FORMAT,
-        order: order.arrange(&running, seed),
-        measuring_s: measuring_s.into_values().fold(0.0, f64::max),
-        scenarios,
-    };
-    let (record, warnings) = found.unless_errors(record)?;
-    Ok(Plan {
-        record,
-        attainable,
-        windows,
-        silent: offers
-            .iter()
-            .filter_map(|offer| Some((offer.host.clone(), offer.silence()?.reason.clone())))
-            .collect(),
-        rights,
-        warnings,
-    })
+    ExpandedMatrix::of(file, facts)?.plan(facts, selection, order, seed)
+}
+
+/// What the hosts offer, as far as it is known.
+fn offers(file: &MatrixFile, facts: &BTreeMap<String, HostFacts>) -> Vec<HostCapabilities> {
+    file.hosts
+        .iter()
+        .map(|host| HostCapabilities::of(host, facts.get(&host.name.value)))
+        .collect()
 }
 
 /// Each is a folder of the run directory.
 fn check_windows(file: &MatrixFile, scenarios: &[PlannedScenario], found: &mut Diagnostics) {
-    let windows: u64 = scenarios.iter().map(|it| u64::from(it.settings.windows)).sum();
+    let windows: u64 = scenarios
+        .iter()
+        .map(|it| u64::from(it.settings.all_windows()))
+        .sum();
     if windows > PlanRecord::MOST_WINDOWS {
         let most = PlanRecord::MOST_WINDOWS;
         let message = format!("these are {windows} windows in all, more than {most}");
@@ -166,7 +233,12 @@ fn check_windows(file: &MatrixFile, scenarios: &[PlannedScenario], found: &mut D
 
 /// What the file says of a host must be so, and one that is out of reach is worth a word. Of hosts that are to measure
 /// something: what is played needs no machine.
-fn check_hosts(file: &MatrixFile, combinations: &[Combination], offers: &[Offer], found: &mut Diagnostics) {
+fn check_hosts(
+    file: &MatrixFile,
+    combinations: &[Combination],
+    offers: &[HostCapabilities],
+    found: &mut Diagnostics,
+) {
     let measured =
         |it: &&Combination| it.excluded.is_none() && !file.catalogue.is_simulated(it.virtualization());
     let wanted: BTreeSet<&str> = combinations
@@ -198,12 +270,12 @@ fn check_hosts(file: &MatrixFile, combinations: &[Combination], offers: &[Offer]
     }
 }
 
-/// Names, settings and hosts for the combinations.
+/// Names and hosts for the combinations, each of which has its settings.
 fn scenarios(
     file: &MatrixFile,
     combinations: &[Combination],
-    offers: &[Offer],
-    found: &mut Diagnostics,
+    settings: Vec<Settings>,
+    offers: &[HostCapabilities],
 ) -> Vec<PlannedScenario> {
     let texts = |combination: &Combination| {
         let values = combination.axes.iter();
@@ -212,10 +284,9 @@ fn scenarios(
             .collect::<Vec<_>>()
     };
     let slugs = naming::slugs(&combinations.iter().map(texts).collect::<Vec<_>>());
-    let named = std::iter::zip(combinations, slugs).enumerate();
+    let named = std::iter::zip(combinations, slugs).zip(settings).enumerate();
     named
-        .map(|(index, (combination, slug))| {
-            let settings = settings(file, combination, found);
+        .map(|(index, ((combination, slug), settings))| {
             let placement = place(combination, &Need::of(&settings), offers);
             // Of two reasons the excluding one counts: it holds whatever the host can do.
             let (reason, fix) = match (&combination.excluded, placement.obstacle) {
@@ -285,20 +356,20 @@ fn attainable(
     Attainable::of(file.report.alpha, sizes.collect())
 }
 
-/// Values in the sample of each window: the first loses what the transient spoils.
+/// Values in the sample of each window: the first of an environment loses what the transient spoils.
 fn sample_sizes(file: &MatrixFile, settings: &Settings) -> Vec<u64> {
     let periods = settings.periods_per_window();
     let first = periods.saturating_sub(u64::from(file.report.discard_periods));
-    let windows = usize::try_from(settings.windows).unwrap_or(usize::MAX);
+    let (windows, firsts) = (settings.all_windows(), settings.environments);
     // Only the smallest and largest two matter: a million windows need no list of a million.
-    std::iter::once(first)
-        .chain(std::iter::repeat(periods))
-        .take(windows.min(3))
+    let two = |number: u32| number.min(2) as usize;
+    std::iter::repeat_n(first, two(firsts.min(windows)))
+        .chain(std::iter::repeat_n(periods, two(windows.saturating_sub(firsts))))
         .collect()
 }
 
 fn measuring_seconds(settings: &Settings) -> f64 {
-    f64::from(settings.windows) * settings.window.as_secs_f64()
+    f64::from(settings.all_windows()) * settings.window.as_secs_f64()
 }
 
 /// A first window that is discarded altogether is no sample.

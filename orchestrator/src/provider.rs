@@ -8,6 +8,7 @@
 
 mod asked_right;
 pub(crate) mod backoff;
+pub(crate) mod capability_probe;
 mod catalogue;
 pub(crate) mod data_folder;
 pub mod detached;
@@ -20,19 +21,18 @@ pub mod fake;
 mod fleet;
 pub(crate) mod lines;
 pub mod native;
-mod roster;
+mod providers;
 mod settings;
-pub(crate) mod trial;
 pub mod vagrant;
 
 use std::{
     ffi::OsString,
-    iter,
     path::{Path, PathBuf},
 };
 
 use async_trait::async_trait;
 use record::{
+    call::Run,
     causes::with_causes,
     detached::Owner,
     progress::Progress,
@@ -48,7 +48,7 @@ pub use catalogue::{Catalogue, Hosts, Make, Making, NameTaken, ProviderKind};
 pub use ended::Ended;
 pub use error::ProviderError;
 pub use fleet::Fleet;
-pub use roster::Roster;
+pub use providers::Providers;
 pub use settings::ProviderSettings;
 pub use vagrant::kind::VagrantKind;
 
@@ -116,16 +116,7 @@ impl EnvironmentRequest {
     /// The workload's arguments: what `workload run` is to do, with its data in `data`.
     #[must_use]
     pub fn arguments(&self, data: &Path) -> Vec<OsString> {
-        let windows: Vec<_> = self.windows.iter().map(u32::to_string).collect();
-        // Settings are plain data: they can always be written.
-        let settings = serde_json::to_string(&self.settings).unwrap_or_default();
-        let option = |name: &str, value: OsString| [OsString::from(name), value];
-        iter::once(OsString::from("run"))
-            .chain(option("--environment", OsString::from(&self.environment)))
-            .chain(option("--settings", OsString::from(settings)))
-            .chain(option("--data", data.as_os_str().to_owned()))
-            .chain(option("--windows", OsString::from(windows.join(","))))
-            .collect()
+        Run::of(&self.environment, &self.settings, data.to_owned(), &self.windows).arguments()
     }
 }
 

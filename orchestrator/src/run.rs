@@ -2,10 +2,10 @@
 //! anything. The main type is [`Run`].
 //!
 //! ```text
-//! each host:  lease -> for each of its scenarios: create, follow, collect, discard -> run directory
+//! each host:  lease -> for each round, for each of its scenarios: create, follow, collect, discard -> run directory
 //! ```
 //!
-//! A run and a resumed run are the same thing: [`Run::execute`] looks at what the journal says of each scenario and
+//! A run and a resumed run are the same thing: [`Run::execute`] looks at what the journal says of each scenario in each round and
 //! does what is left to do.
 
 pub mod collection;
@@ -13,14 +13,14 @@ mod compression;
 pub mod inspection;
 pub mod keep;
 pub mod recorded;
-pub mod register;
+pub mod run_index;
 pub mod scenario;
 pub mod session;
 pub mod silence;
-pub mod state;
 pub mod stop;
+pub mod unit;
 
-use std::{collections::BTreeSet, io};
+use std::{collections::BTreeSet, io, ops::RangeInclusive};
 
 use collection::CollectionError;
 use futures_util::future::try_join_all;
@@ -31,6 +31,7 @@ use tokio::{
     sync::{RwLock, RwLockWriteGuard},
     task::spawn_blocking,
 };
+use unit::Unit;
 
 use crate::{
     disk_space,
@@ -105,13 +106,13 @@ impl Run<'_> {
         // Only now: to read all that was measured would disturb a workload that was left and may still measure here.
         if resumed && !self.stop.is_requested() {
             let mut differing = BTreeSet::new();
-            for planned in settled {
+            for unit in settled {
                 let _nothing_is_measured_here = self.this_machine.read().await;
-                if self.inspect(&planned.slug, planned.settings.windows).await? {
-                    differing.insert(&planned.slug);
+                if self.inspect(&unit.planned.slug, unit.windows()).await? {
+                    differing.insert((&unit.planned.slug, unit.round));
                 }
             }
-            self.on_all_hosts(|planned| differing.contains(&planned.slug))
+            self.on_all_hosts(|unit| differing.contains(&(&unit.planned.slug, unit.round)))
                 .await?;
         }
         // The wish to stop may come when all is measured.
@@ -123,24 +124,26 @@ impl Run<'_> {
             })?)
     }
 
-    /// The scenarios that there is nothing to do for, as far as the journal knows.
-    fn settled(&self) -> Vec<&PlannedScenario> {
-        let runs = self.plan.scenarios.iter().filter(|planned| planned.runs());
-        runs.filter(|planned| self.events.scenario(&planned.slug).is_settled())
-            .collect()
+    /// The units that there is nothing to do for, as far as the journal knows.
+    fn settled(&self) -> Vec<Unit<'_>> {
+        let units = Unit::all(self.plan).into_iter();
+        units.filter(|unit| self.is_settled(*unit)).collect()
     }
 
-    /// Does what is left to do of some scenarios, the hosts side by side.
-    async fn on_all_hosts(&self, which: impl Fn(&PlannedScenario) -> bool) -> Result<(), RunError> {
-        let hosts = self.scenarios_by_host(which);
-        let at_work = hosts
-            .iter()
-            .map(|(_, scenarios)| self.one_after_another(scenarios));
+    fn is_settled(&self, unit: Unit<'_>) -> bool {
+        let state = self.events.scenario(&unit.planned.slug);
+        state.round(unit.round).is_settled()
+    }
+
+    /// Does what is left to do of some units, the hosts side by side.
+    async fn on_all_hosts(&self, which: impl Fn(Unit<'_>) -> bool) -> Result<(), RunError> {
+        let hosts = self.units_by_host(which);
+        let at_work = hosts.iter().map(|(_, units)| self.one_after_another(units));
         try_join_all(at_work).await.map(drop)
     }
 
-    /// Brings the journal up to the windows that a scenario has in the run directory; whether it was not.
-    async fn inspect(&self, slug: &str, windows: u32) -> Result<bool, RunError> {
+    /// Brings the journal up to those of some windows that a scenario has in the run directory; whether it was not.
+    async fn inspect(&self, slug: &str, windows: RangeInclusive<u32>) -> Result<bool, RunError> {
         let (directory, run, scenario) = (self.directory.clone(), self.name.clone(), slug.to_owned());
         let state = self.events.scenario(slug);
         let inspecting = move || inspection::inspect(&directory, &run, &scenario, windows, &state);
@@ -151,37 +154,30 @@ impl Run<'_> {
         Ok(differs)
     }
 
-    /// Those that run, in the plan's order; the hosts by the first of theirs.
-    fn scenarios_by_host(
-        &self,
-        which: impl Fn(&PlannedScenario) -> bool,
-    ) -> Vec<(&str, Vec<&PlannedScenario>)> {
-        let mut hosts: Vec<(&str, Vec<&PlannedScenario>)> = Vec::new();
-        for id in &self.plan.order {
-            let planned = self.plan.scenarios.iter().find(|planned| planned.id == *id);
-            let Some(planned) = planned.filter(|planned| planned.runs() && which(planned)) else {
-                continue;
-            };
-            let host = planned.host.as_deref().unwrap_or_default();
+    /// Those that run, round by round, in the order that the plan has for each; the hosts by the first of theirs.
+    fn units_by_host(&self, which: impl Fn(Unit<'_>) -> bool) -> Vec<(&str, Vec<Unit<'_>>)> {
+        let mut hosts: Vec<(&str, Vec<Unit<'_>>)> = Vec::new();
+        for unit in Unit::all(self.plan).into_iter().filter(|unit| which(*unit)) {
+            let host = unit.planned.host.as_deref().unwrap_or_default();
             match hosts.iter_mut().find(|(known, _)| *known == host) {
-                Some((_, scenarios)) => scenarios.push(planned),
-                None => hosts.push((host, vec![planned])),
+                Some((_, units)) => units.push(unit),
+                None => hosts.push((host, vec![unit])),
             }
         }
         hosts
     }
 
     /// Does what is left to do on a host.
-    async fn one_after_another(&self, scenarios: &[&PlannedScenario]) -> Result<(), RunError> {
+    async fn one_after_another(&self, units: &[Unit<'_>]) -> Result<(), RunError> {
         let mut lease = None;
-        for planned in scenarios {
-            if self.events.scenario(&planned.slug).is_settled() {
+        for unit in units {
+            if self.is_settled(*unit) {
                 continue;
             }
             if self.stop.is_requested() {
                 break;
             }
-            self.scenario(planned, &mut lease).await?;
+            self.unit(*unit, &mut lease).await?;
         }
         if let Some(lease) = lease {
             lease.give_back().await;

@@ -1,5 +1,5 @@
 //! What the hosts of a matrix can do, asked before anything is planned, so that a plan itself reads no host and no
-//! clock. The main function is [`survey`].
+//! clock. The main functions are [`identities`] and [`ask_hosts`]: in between, the matrix is expanded.
 //!
 //! ```text
 //! the machines themselves -> the matrix expanded: what its scenarios need -> each provider, once for each distinct need
@@ -7,43 +7,47 @@
 
 use std::{
     collections::{BTreeMap, BTreeSet},
+    ffi::CStr,
+    fs,
     sync::Arc,
 };
 
 use record::{
     causes::with_causes,
-    platform::{PlatformRecord, RealtimeGrant},
+    connection::Connection,
+    platform::{PlatformRecord, os_name},
     settings::Need,
 };
+use rustix::system::uname;
 
 use crate::{
     host::{self, Host},
-    matrix_file::{self, Connection, MatrixFile},
-    plan::{self, HostFacts, Obstacle, ProviderFacts, Questions},
-    provider::{Availability, Provider, Roster, detached::AgentClient},
+    matrix_file::{self, MatrixFile},
+    plan::{HostFacts, Obstacle, ProviderFacts, Questions},
+    provider::{Availability, Provider, Providers, detached::AgentClient},
     state_directory::StateDirectory,
 };
 
 /// The hosts and providers that a matrix file names.
 #[must_use]
-pub fn roster(file: &MatrixFile) -> Roster {
+pub fn providers(file: &MatrixFile) -> Providers {
     let state = StateDirectory::of_this_user();
     let hosts = file
         .hosts
         .iter()
         .map(|it| host::of(&it.name.value, &it.connection, &state));
-    Roster::new(file.catalogue, file.providers.clone(), hosts)
+    Providers::new(file.catalogue, file.providers.clone(), hosts)
 }
 
-/// Asks every host of the matrix what it is, and then for what its scenarios need. One that cannot be asked is in the
-/// answer with the reason.
-pub async fn survey(file: &MatrixFile, roster: &Roster) -> BTreeMap<String, HostFacts> {
-    let mut facts = identities(roster).await;
-    let mut questions = plan::questions(file, &facts);
+/// Asks the hosts whose identity is known for what the scenarios of a matrix need. One that did not answer is left out.
+pub async fn ask_hosts(
+    facts: &mut BTreeMap<String, HostFacts>,
+    mut questions: BTreeMap<String, Questions>,
+    providers: &Providers,
+) {
     for (host, facts) in facts.iter_mut().filter(|(_, facts)| facts.obstacle.is_none()) {
-        facts.providers = ask(host, questions.remove(host).unwrap_or_default(), roster).await;
+        facts.providers = ask(host, questions.remove(host).unwrap_or_default(), providers).await;
     }
-    facts
 }
 
 /// What is known of the hosts without asking any: of this machine what it is, of others what the file says. Nothing is started
@@ -64,10 +68,11 @@ pub fn unasked(file: &MatrixFile) -> BTreeMap<String, HostFacts> {
     named.collect()
 }
 
-/// What each host is, all asked at once. No provider was asked yet.
-async fn identities(roster: &Roster) -> BTreeMap<String, HostFacts> {
+/// What each host is, all asked at once. One that cannot be asked is in the answer with the reason. No provider was asked
+/// yet.
+pub async fn identities(providers: &Providers) -> BTreeMap<String, HostFacts> {
     let mut asking = Vec::new();
-    for host in roster.hosts() {
+    for host in providers.hosts() {
         asking.push((host.name().to_owned(), tokio::spawn(identity(Arc::clone(host)))));
     }
     let mut facts = BTreeMap::new();
@@ -97,7 +102,16 @@ pub async fn identity(host: Arc<dyn Host>) -> HostFacts {
 }
 
 fn this_machine() -> HostFacts {
-    of_platform(workload::survey::platform(RealtimeGrant::default()))
+    let kernel = uname();
+    let text = |name: &CStr| name.to_string_lossy().into_owned();
+    HostFacts {
+        hardware: text(kernel.machine()),
+        os: fs::read_to_string("/etc/os-release")
+            .map(|os_release| os_name(&os_release))
+            .unwrap_or_default(),
+        kernel: text(kernel.release()),
+        ..HostFacts::default()
+    }
 }
 
 fn of_platform(platform: PlatformRecord) -> HostFacts {
@@ -111,11 +125,11 @@ fn of_platform(platform: PlatformRecord) -> HostFacts {
 
 /// What the providers of a host say, each of what it is asked for: all at once, since an answer is a process or a
 /// connection away.
-pub async fn ask(host: &str, questions: Questions, roster: &Roster) -> BTreeMap<String, ProviderFacts> {
+pub async fn ask(host: &str, questions: Questions, providers: &Providers) -> BTreeMap<String, ProviderFacts> {
     let mut asking = Vec::new();
     let mut answers = BTreeMap::new();
     for (name, needs) in questions {
-        match roster.of(&name, host) {
+        match providers.of(&name, host) {
             Ok(provider) => asking.push((name, tokio::spawn(ask_provider(provider, needs)))),
             Err(error) => {
                 let facts = ProviderFacts {

@@ -28,9 +28,6 @@ use crate::{
     state_directory::{self, StateDirectory},
 };
 
-// The carried binary is built for the same machine as the library that is linked here.
-pub use workload::survey::MACHINE;
-
 /// The binary itself.
 #[must_use]
 pub fn bytes() -> &'static [u8] {

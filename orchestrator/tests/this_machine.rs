@@ -13,7 +13,7 @@ use tempfile::TempDir;
 use tokio::io::{AsyncReadExt as _, AsyncWriteExt as _};
 
 /// Only ends a wait for what never comes.
-const PATIENCE: Duration = Duration::from_secs(60);
+const TIMEOUT: Duration = Duration::from_secs(60);
 
 fn here() -> (Here, TempDir) {
     let state = tempfile::tempdir().unwrap();
@@ -26,7 +26,7 @@ fn shell(script: &str) -> Program {
 
 async fn run(program: &Program, input: &[u8]) -> (Exit, String) {
     let (here, _state) = here();
-    let (exit, answer) = output(&here, program, input, PATIENCE).await.unwrap();
+    let (exit, answer) = output(&here, program, input, TIMEOUT).await.unwrap();
     (exit, String::from_utf8(answer).unwrap())
 }
 
@@ -109,7 +109,7 @@ async fn a_program_whose_stream_is_dropped_is_told_so() {
     stream.read_exact(&mut said).await.unwrap();
     assert_eq!(&said, b"there\n");
     drop(stream);
-    let exit = tokio::time::timeout(PATIENCE, running.end.wait())
+    let exit = tokio::time::timeout(TIMEOUT, running.end.wait())
         .await
         .unwrap()
         .unwrap();
@@ -127,7 +127,7 @@ async fn a_call_that_takes_too_long_or_says_too_much_is_given_up() {
     )
     .await;
     assert!(matches!(waits, Err(HostError::TimedOut { .. })), "{waits:?}");
-    let talks = output(&here, &shell("cat /dev/zero"), b"", PATIENCE).await;
+    let talks = output(&here, &shell("cat /dev/zero"), b"", TIMEOUT).await;
     assert!(matches!(talks, Err(HostError::Refused { .. })));
 }
 
@@ -177,7 +177,7 @@ async fn the_workload_is_put_there_and_runs() {
         &here,
         &Program::new(deployed.program, ["--version"]),
         b"",
-        PATIENCE,
+        TIMEOUT,
     )
     .await
     .unwrap();

@@ -9,13 +9,11 @@
 use std::{env, fs, hint::black_box, io::Write as _, path::Path, process::Command, time::Duration};
 
 use record::report_settings::ReportSettings;
-use reports::{
-    analysis::{
-        comparison::{compare, pairs_of},
-        sample::Sample,
-    },
-    statistics::ks::{self, Pool, Procedure},
+use reports::analysis::{
+    comparison::{compare, pairs_of},
+    sample::Sample,
 };
+use statistics::ks::{self, Pool, Procedure};
 use timing::{median, time};
 
 mod timing;

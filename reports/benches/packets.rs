@@ -1,4 +1,4 @@
-//! The packets of one long window: delays, round trips, jitter, losses and what was sent again, from both captures as they are
+//! The packets of one long window: delays, RTT, jitter, lost and retransmitted packets, from both captures as they are
 //! stored, against what `tshark -T fields` takes to read the same two files and look for the same.
 //!
 //! `cargo bench --profile dev --workspace --bench packets`, in the profile that users have; needs tshark. Prints medians; it is
@@ -33,7 +33,7 @@ mod timing;
 const STEPS: u64 = 300_000;
 const STEP_NS: u64 = 20_000_000;
 const DELAY_NS: u64 = 20_000_000;
-/// One packet in so many is lost, and sent again.
+/// One packet in so many is lost, and retransmitted.
 const LOST_EVERY: u64 = 50;
 const ROUNDS: usize = 3;
 const SLUG: &str = "a-a-native";
@@ -59,7 +59,11 @@ fn main() {
     let traffic = reports::input::traffic::read(&run);
     let [state, _] = &traffic.scenarios["a"].windows[0].directions;
     let lost = state.total(|period| period.lost);
-    assert_eq!(lost, state.total(|period| period.sent_again), "as they were made");
+    assert_eq!(
+        lost,
+        state.total(|period| period.retransmitted),
+        "as they were made"
+    );
 
     let (mut ours, mut theirs) = (Vec::new(), Vec::new());
     for _ in 0..ROUNDS {

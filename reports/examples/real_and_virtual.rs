@@ -19,10 +19,10 @@ use record::{
     run_directory::PeriodError,
     settings::{Dynamics, Settings},
 };
-use reports::statistics::ks;
 use serde::Serialize;
 use serde_json::json;
-use workload::simulation::{Platform, Simulation};
+use simulation::closed_loop::{Platform, Simulation};
+use statistics::ks;
 
 type Outcome<T> = Result<T, Box<dyn Error>>;
 

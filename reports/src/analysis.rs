@@ -1,5 +1,6 @@
 //! From a run to what is compared and what came of it: [`report::analyse`]. Pure, and without words for a reader but names.
 
+pub mod calibration;
 pub mod combination;
 pub mod comparison;
 pub mod conclusion;
@@ -9,12 +10,12 @@ pub(crate) mod fields;
 pub mod health;
 pub mod packet_counts;
 pub mod packet_explanations;
+pub mod pairs;
 pub(crate) mod paper;
-pub mod power;
+pub mod replicates;
 pub mod report;
 pub mod sample;
 pub mod scenario;
-pub mod selftest;
 pub mod sensitivity;
 pub mod setup;
 pub mod within;

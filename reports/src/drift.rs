@@ -4,7 +4,7 @@
 //! Run -> Night::of                         one run, brought down to a few numbers a window
 //! run directory -> digest::night_of        the same, from what was kept of it while that is true
 //! nights -> series_of -> Series            one scenario and metric along the nights
-//! Series -> history::judge -> Judgement    against all earlier nights: jumps and slopes
+//! Series -> history::judge -> Judgement    each night after those before it: jumps and slopes
 //!        -> baseline::judge -> Judgement   against nights that were chosen
 //! Drift                                    all judgements, with one verdict
 //! ```
@@ -14,14 +14,12 @@
 
 mod acknowledgement;
 pub mod baseline;
-mod change_point;
+pub mod contrasts;
 pub mod digest;
 pub mod history;
 pub mod night;
-mod prediction;
 mod render;
 mod series;
-mod trend;
 
 #[cfg(test)]
 mod tests;
@@ -29,12 +27,9 @@ mod tests;
 #[cfg(feature = "schema")]
 pub use acknowledgement::schema;
 pub use acknowledgement::{Acknowledgement, Acknowledgements, Baseline};
-pub use change_point::{ChangePoint, Search, Statistic, change_points};
 pub use night::{Metric, MissingData, Night};
-pub use prediction::Prediction;
 pub use render::DriftDocument;
 pub use series::{Cause, Series, series_of};
-pub use trend::Trend;
 
 /// What is found where everything is judged.
 #[derive(Debug, Clone, PartialEq)]
@@ -135,15 +130,17 @@ pub struct Finding {
     pub cause: Cause,
     /// Who knows of it.
     pub acknowledged: Option<Acknowledgement>,
-    /// Whether it is smaller than what was declared to matter.
+    /// Whether it is smaller than the equivalence margin.
     pub immaterial: bool,
+    /// The run with which it was withdrawn: the night of `since` was alone, and those after it are as those before.
+    pub withdrawn: Option<String>,
 }
 
 impl Finding {
-    /// Whether it is to be told anew: nobody has acknowledged it, and it matters.
+    /// Whether it is to be told of: nobody has acknowledged it, it matters, and it was not withdrawn.
     #[must_use]
     pub const fn is_news(&self) -> bool {
-        self.acknowledged.is_none() && !self.immaterial
+        self.acknowledged.is_none() && !self.immaterial && self.withdrawn.is_none()
     }
 }
 
@@ -176,10 +173,10 @@ pub struct Settings {
     /// The probability, each night, of a false finding among all scenarios and metrics.
     pub alpha: f64,
     /// A change of the tracking error that is smaller does not matter, in metres.
-    pub matters_m: Option<f64>,
+    pub equivalence_margin_m: Option<f64>,
     /// What is known.
     pub acknowledgements: Acknowledgements,
-    /// Seed of the dealings.
+    /// Seed of the permutations of windows, where few runs are the baseline.
     pub seed: u64,
 }
 
@@ -187,7 +184,7 @@ impl Default for Settings {
     fn default() -> Self {
         Self {
             alpha: 0.01,
-            matters_m: None,
+            equivalence_margin_m: None,
             acknowledgements: Acknowledgements::default(),
             seed: 0,
         }
@@ -196,7 +193,8 @@ impl Default for Settings {
 
 impl Settings {
     fn is_immaterial(&self, metric: Metric, change: f64) -> bool {
-        metric == Metric::TrackingError && self.matters_m.is_some_and(|matters_m| change.abs() < matters_m)
+        let is_within = |margin_m: f64| change.abs() < margin_m;
+        metric == Metric::TrackingError && self.equivalence_margin_m.is_some_and(is_within)
     }
 }
 

@@ -17,7 +17,6 @@ pub mod input;
 pub mod messages;
 pub mod present;
 pub mod redaction;
-pub mod statistics;
 
 pub use analysis::report::{Report, analyse};
 pub use input::run::{Run, load, load_by};

@@ -20,20 +20,22 @@ mod table;
 use std::path::PathBuf;
 
 use record::{
-    layout,
-    run_directory::{PlannedScenario, ReadError, RunDirectory, RunRecords, ScenarioChecksums, read_window},
+    run_directory::{
+        NotWhole, PlannedScenario, ReadError, RunDirectory, RunRecords, ScenarioState, read_whole_record,
+    },
     settings::Messages as MessageForm,
 };
 use serde::Serialize;
 
 pub use self::table::TableError;
+use captures::packets::{CaptureReadError, CapturedWindow, Stretch, Topic};
+
 use self::{
     exchange::{Exchange, Ports},
     flow::Delivery,
     log::{Logged, LoggedMessages},
     table::{MessageRow, MessageTable},
 };
-use crate::input::packets::{CaptureReadError, CapturedWindow, Stretch, Topic};
 
 /// How many of the messages that were not found are named.
 const NAMED: usize = 10;
@@ -81,11 +83,11 @@ pub struct TopicMessages {
     pub sent: u64,
     /// Those of them that arrived before the captures ended.
     pub arrived: u64,
-    /// Messages of which something was sent again.
+    /// Messages of which something was retransmitted.
     pub retransmitted: u64,
     /// Messages of which something arrived again.
     pub duplicated: u64,
-    /// Messages of which something was overtaken.
+    /// Messages of which something was reordered.
     pub reordered: u64,
     /// From the sender's wire to the receiver's, of those that arrived.
     pub one_way: Option<OneWayDelay>,
@@ -158,7 +160,7 @@ pub fn write_messages(directory: &RunDirectory, wanted: &[String]) -> Result<Mes
     let RunRecords {
         manifest,
         plan,
-        checksums,
+        state,
         ..
     } = RunRecords::read(directory)?;
     for asked in wanted {
@@ -173,7 +175,7 @@ pub fn write_messages(directory: &RunDirectory, wanted: &[String]) -> Result<Mes
         |planned: &&PlannedScenario| wanted.is_empty() || wanted.iter().any(|name| is_called(planned, name));
     let mut scenarios = Vec::new();
     for planned in plan.scenarios.iter().filter(is_wanted) {
-        let windows = captured_windows(directory, planned, &checksums.scenario(&planned.slug))?;
+        let windows = captured_windows(directory, planned, &state.scenario(&planned.slug))?;
         if !windows.is_empty() {
             scenarios.push(write_scenario(directory, planned, windows)?);
         }
@@ -197,24 +199,19 @@ fn is_called(planned: &PlannedScenario, name: &str) -> bool {
 fn captured_windows(
     directory: &RunDirectory,
     planned: &PlannedScenario,
-    checksums: &ScenarioChecksums,
+    known: &ScenarioState,
 ) -> Result<Vec<CapturedWindow>, ReadError> {
     let mut windows = Vec::new();
-    for number in 1..=planned.settings.windows {
+    for number in 1..=planned.settings.all_windows() {
         let folder = directory.window(&planned.slug, number);
-        let about = folder.join(layout::WINDOW);
-        if !about.exists() {
-            continue;
-        }
-        let record = match read_window(&folder, checksums.window(number)) {
+        let record = match read_whole_record(&folder, number, known.window_sha256(number)) {
+            Ok(record) => record,
             // The report says so.
-            Err(ReadError::Impossible { .. } | ReadError::Damaged { .. } | ReadError::Json { .. }) => {
-                continue;
-            }
-            read => read?,
+            Err(NotWhole::Broken(_)) => continue,
+            Err(NotWhole::Replaced(error) | NotWhole::Unreadable(error)) => return Err(error),
         };
         let window = CapturedWindow { folder, record };
-        if window.record.complete && window.is_captured() {
+        if window.is_captured() {
             windows.push(window);
         }
     }

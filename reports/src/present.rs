@@ -2,6 +2,7 @@
 //! main type is [`Presentation`], made by [`Report::present`].
 
 pub mod figure;
+pub(crate) mod forest;
 pub(crate) mod frames;
 mod method;
 mod remarks;
@@ -29,7 +30,9 @@ impl Report {
     #[must_use]
     pub fn present(&self) -> Presentation<'_> {
         let mut faults = self.faults.clone();
-        let mut tables = or_fault(table::of_the_paper(self), &mut faults);
+        // How large differences are, before any count of rejections.
+        let mut tables = Vec::from_iter(table::shifts(self));
+        tables.extend(or_fault(table::of_the_paper(self), &mut faults));
         tables.extend(table::beside(self));
         let mut remarks = remarks::remarks(self);
         remarks.extend(faults);

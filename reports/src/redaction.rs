@@ -13,13 +13,15 @@ use std::{
 };
 
 use record::{
-    layout,
+    field, layout,
+    platform::{PlatformRecord, RealtimeGrant},
     run_directory::{
-        Chain, Event, FORMAT, Journal, JournalEntry, Kind as Entry, LONGEST_RECORD, Place, ReadError,
-        RunDirectory, RunRecords, ScenarioChecksums, read_environment, read_file, read_record, read_window,
+        Chain, EnvironmentRecord, Event, FORMAT, HostRecord, Journal, JournalEntry, Kind as Entry,
+        LONGEST_RECORD, Manifest, Place, PlannedScenario, ReadError, RunDirectory, RunRecords, ScenarioState,
+        read_environment, read_file, read_record, read_window,
     },
     virtual_host::VirtualHost,
-    window::WindowRecord,
+    window::{NoticesRecord, WindowRecord},
 };
 use serde::{Serialize, de::DeserializeOwned};
 use serde_json::{Map, Value};
@@ -46,32 +48,35 @@ const ANYBODYS: [&str; 11] = [
 ];
 /// Fields that have words of the format, hashes, or what the report is about.
 const KEPT: [&str; 14] = [
-    "axes",
+    field!(PlannedScenario, axes),
     "control",
     "event",
-    "files",
-    "matrix_sha256",
+    field!(WindowRecord, files),
+    field!(Manifest, matrix_sha256),
     "method",
     "outcome",
-    "provider",
-    "report",
-    "settings",
+    field!(EnvironmentRecord, provider),
+    field!(Manifest, report),
+    field!(PlannedScenario, settings),
     "sha256",
-    "slug",
-    "verdict",
-    "workload_sha256",
+    field!(PlannedScenario, slug),
+    field!(WindowRecord, verdict),
+    field!(Manifest, workload_sha256),
 ];
 /// Fields that are left out.
-const LEFT_OUT: [&str; 3] = ["connect", "kernel_command_line", "machine_id"];
+const LEFT_OUT: [&str; 3] = [
+    field!(HostRecord, connect),
+    field!(PlatformRecord, kernel_command_line),
+    "machine_id",
+];
 /// Fields with sentences, in which addresses may stand.
-const PROSE: [&str; 7] = [
-    "first",
-    "fix",
+const PROSE: [&str; 6] = [
+    field!(NoticesRecord, first),
+    field!(PlannedScenario, fix),
     "hint",
-    "holder",
-    "reason",
-    "reasons",
-    "priority_refusal",
+    field!(PlannedScenario, reason),
+    field!(WindowRecord, reasons),
+    field!(RealtimeGrant, priority_refusal),
 ];
 /// Where the folders of users are.
 const HOMES: [&str; 3] = ["/home/", "/Users/", "\\Users\\"];
@@ -189,6 +194,8 @@ impl Redaction {
             (name, _) if LEFT_OUT.contains(&name) => Value::Null,
             ("matrix_file", Value::String(_)) => "matrix.yaml".into(),
             ("matrix_text", Value::String(_)) => "".into(),
+            // A process, its machine and the folder of its run, which is somebody else's.
+            ("holder", Value::String(_)) => "another run".into(),
             (_, Value::String(text)) => self.text(&text).into(),
             (name, Value::Array(values)) => values.into_iter().map(|value| self.field(name, value)).collect(),
             (_, Value::Object(fields)) => {
@@ -250,7 +257,15 @@ struct Found {
 impl Found {
     fn look_at_run(&mut self, run: &RunDirectory) -> Result<(), ReadError> {
         self.look_at_text(&run.path().display().to_string());
-        let RunRecords { plan, journal, .. } = RunRecords::read(run)?;
+        let RunRecords {
+            manifest,
+            plan,
+            journal,
+            ..
+        } = RunRecords::read(run)?;
+        for host in &manifest.hosts {
+            self.add_host(&host.name);
+        }
         for document in [run.manifest(), run.plan()] {
             self.look_at("", &read_record(&document, FORMAT)?);
         }
@@ -281,16 +296,10 @@ impl Found {
             ("axes", Value::Object(axes)) => {
                 self.axes.extend(
                     axes.values()
-                        .map(|value| record::axis::text_of(value).to_ascii_lowercase()),
+                        .map(|value| record::axis::axis_text(value).to_ascii_lowercase()),
                 );
             }
             ("slug", Value::String(slug)) => drop(self.axes.insert(slug.to_ascii_lowercase())),
-            ("hosts", Value::Array(hosts)) => {
-                for host in hosts {
-                    self.add_host(host.get("name").and_then(Value::as_str).unwrap_or_default());
-                    self.look_at("", host);
-                }
-            }
             ("host" | "hostname", Value::String(host)) => self.add_host(host),
             ("ssh" | "jump", Value::String(address)) => self.add_address(address),
             ("identity" | "known_hosts" | "matrix_file", Value::String(path)) => {
@@ -504,12 +513,12 @@ pub fn copy(run: &RunDirectory, to: &Path, redaction: &Redaction) -> Result<(), 
     let mut sums = NewSums::default();
     for scenario in &records.plan.scenarios {
         let (from, to) = (run.scenario(&scenario.slug), copy.scenario(&scenario.slug));
-        let known = records.checksums.scenario(&scenario.slug);
+        let known = records.state.scenario(&scenario.slug);
         copy_scenario(&from, &to, &known, redaction, &mut sums)?;
     }
     copy_document(&run.plan(), &copy.plan(), redaction, &mut sums)?;
     let mut manifest: Map<String, Value> = read_record(&run.manifest(), FORMAT)?;
-    manifest.insert("redacted".to_owned(), true.into());
+    manifest.insert(field!(Manifest, redacted).to_owned(), true.into());
     let manifest = redaction.document(manifest.into());
     sums.write_document(&run.manifest(), &copy.manifest(), &manifest)?;
     write(
@@ -577,7 +586,7 @@ fn copied_journal(journal: Journal, redaction: &Redaction, sums: &NewSums) -> Re
 fn copy_scenario(
     from: &Place,
     to: &Place,
-    known: &ScenarioChecksums,
+    known: &ScenarioState,
     redaction: &Redaction,
     sums: &mut NewSums,
 ) -> Result<(), CopyError> {
@@ -586,7 +595,7 @@ fn copy_scenario(
         let copy = to.join(path.strip_prefix(above).unwrap_or(&path));
         match Kind::of(&file) {
             Some(Kind::Document) => {
-                see_that_it_is_as_written(&file, known)?;
+                ensure_as_written(&file, known)?;
                 copy_document(&file, &copy, redaction, sums)?;
             }
             Some(Kind::Text) => {
@@ -607,10 +616,10 @@ fn copy_scenario(
 }
 
 /// A copy has checksums of its own: what is damaged would be whole in it.
-fn see_that_it_is_as_written(document: &Place, known: &ScenarioChecksums) -> Result<(), ReadError> {
+fn ensure_as_written(document: &Place, known: &ScenarioState) -> Result<(), ReadError> {
     match layout::window_of(document.parent().name()) {
-        Some(window) => read_window(&document.parent(), known.window(window)).map(drop),
-        None => read_environment(document, known.environments()).map(drop),
+        Some(window) => read_window(&document.parent(), known.window_sha256(window)).map(drop),
+        None => read_environment(document, known.environment_sha256s()).map(drop),
     }
 }
 

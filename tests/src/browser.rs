@@ -14,7 +14,7 @@ use serde_json::{Value, json};
 use tempfile::TempDir;
 
 /// Chromium ends by itself after these, so that one that hangs fails its test.
-const PATIENCE_S: &str = "300";
+const TIMEOUT_S: &str = "300";
 /// The pipe is on descriptors 3 and 4; what it says besides is not ours.
 const START: &str = "exec timeout \"$1\" chromium --headless --no-sandbox --disable-dev-shm-usage --remote-debugging-pipe \
     --hide-scrollbars --disable-background-networking --user-data-dir=\"$2\" \
@@ -84,7 +84,7 @@ impl Browser {
     pub fn start() -> Self {
         let profile = TempDir::with_prefix("matrix-browser-").expect("a folder for the profile");
         let mut child = Command::new("sh")
-            .args(["-c", START, "sh", PATIENCE_S])
+            .args(["-c", START, "sh", TIMEOUT_S])
             .arg(profile.path())
             .stdin(Stdio::piped())
             .stdout(Stdio::piped())
@@ -166,7 +166,7 @@ impl Browser {
         assert_eq!(
             bytes.pop(),
             Some(0),
-            "Chromium ended: is it installed (tests/prepare), or was it given more than {PATIENCE_S} s of work?"
+            "Chromium ended: is it installed (tests/prepare), or was it given more than {TIMEOUT_S} s of work?"
         );
         serde_json::from_slice(&bytes).expect("Chromium says JSON")
     }

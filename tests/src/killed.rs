@@ -12,7 +12,7 @@ use serde_json::Value;
 use crate::Workplace;
 
 /// Longer than any moment of this run takes to come; the bound only ends a hopeless wait.
-const PATIENCE: Duration = Duration::from_secs(120);
+const TIMEOUT: Duration = Duration::from_secs(120);
 
 /// The journal of the one run, as it is now; empty before there is one.
 fn journal(workplace: &Workplace) -> Vec<Value> {
@@ -51,7 +51,7 @@ pub fn kill_at(workplace: &Workplace, moment: &str) {
     let begun = Instant::now();
     while !names(&journal(workplace)).iter().any(|name| name == moment) {
         assert!(
-            begun.elapsed() < PATIENCE,
+            begun.elapsed() < TIMEOUT,
             "no {moment}: {:#?}",
             journal(workplace)
         );

@@ -18,7 +18,7 @@ use std::{
 use crate::guest::{self, DEBIAN_12};
 
 /// Real time that a script may take. Half a minute of the guest's takes about a minute on an idle machine.
-const PATIENCE: Duration = Duration::from_secs(1800);
+const TIMEOUT: Duration = Duration::from_secs(1800);
 const LOOK: Duration = Duration::from_millis(100);
 
 /// Boots the image, runs a shell script as root in a folder with the files, and gives what it wrote to `$RESULT`.
@@ -57,7 +57,7 @@ pub fn follow(files: &[&Path], script: &str, line: &mut dyn FnMut(&str)) -> Stri
     let mut keeper = keeper.spawn().expect("a shell starts");
     // While this is open, so is the machine.
     let alive = keeper.stdin.take();
-    let deadline = Instant::now() + PATIENCE;
+    let deadline = Instant::now() + TIMEOUT;
     let mut followed = 0;
     loop {
         let ended = !matches!(keeper.try_wait(), Ok(None));

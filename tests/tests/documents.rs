@@ -11,7 +11,7 @@ fn matrix_file(special: &str) -> String {
         "matrix: {{hardware: [x86_64, sparc], os: [debian-12], virtualization: [fake], place: [here, there, away]}}\n\
          hosts: {{desk: {{connect: local, hardware: x86_64, os: debian-12}}}}\n\
          workload: {{windows: 2, window: 8s, period: 1s}}\n\
-         report: {{matters: 1mm, family: all}}\n{special}"
+         report: {{equivalence_margin: 1mm, family: all}}\n{special}"
     )
 }
 
@@ -89,8 +89,8 @@ fn what_is_printed_for_programs_is_as_its_schema_says() {
         "a label axis: {checked:#}"
     );
     described("plan", &["plan", "m.yaml"]);
-    let with_spread = described("plan", &["plan", "m.yaml", "--spread", "1mm"]);
-    assert!(with_spread["spread_m"].is_f64(), "{with_spread:#}");
+    let with_window_sd = described("plan", &["plan", "m.yaml", "--window-sd", "1mm"]);
+    assert!(with_window_sd["spread_m"].is_f64(), "{with_window_sd:#}");
     described("plan", &["run", "m.yaml", "--dry-run"]);
 
     let report = described("report", &["run", "m.yaml", "--keep", "always"]);
@@ -107,7 +107,7 @@ fn what_is_printed_for_programs_is_as_its_schema_says() {
     assert_eq!(left["scenarios"][0]["slug"], away["slug"], "{left:#}");
     described("redact", &["redact", run, "--output", "blind"]);
     described("messages", &["messages", run]);
-    described("selftest", &["selftest", run, "--repeats", "1"]);
+    described("calibrate", &["calibrate", run, "--repeats", "1"]);
 
     let cleaned = described("clean", &["clean", "--dry-run"]);
     assert!(
@@ -118,6 +118,31 @@ fn what_is_printed_for_programs_is_as_its_schema_says() {
         !cleaned["not_asked"].as_array().unwrap().is_empty(),
         "{cleaned:#}"
     );
+}
+
+#[test]
+fn commands_and_options_have_their_former_names_too() {
+    let workplace = workplace();
+    workplace.write("m.yaml", matrix_file(""));
+    let of_levels = |option: &str| workplace.json(&["plan", "m.yaml", option, "1mm"])["spread_m"].clone();
+    assert!(of_levels("--spread").is_f64());
+    assert_eq!(of_levels("--spread"), of_levels("--window-sd"));
+
+    workplace.run(&["run", "m.yaml", "--quiet"]);
+    let directory = workplace.run_directory().display().to_string();
+    let run = directory.as_str();
+    let reported = |option: &str| workplace.json(&["report", run, option, "{place: here}"]);
+    let report = reported("--control");
+    assert_eq!(report["scenarios"][0]["is_control"], true, "{report:#}");
+    assert_eq!(report, reported("--baseline"));
+    let both = workplace.run(&["report", run, "--control", "{}", "--baseline", "{}"]);
+    assert_eq!(both.code, Some(2), "{both:?}");
+
+    let calibrated = |command: &str| workplace.json(&[command, run, "--repeats", "1"]);
+    assert_eq!(calibrated("selftest"), calibrated("calibrate"));
+    assert_eq!(schema(&workplace, "selftest"), schema(&workplace, "calibrate"));
+    let help = workplace.run(&["--help"]).out;
+    assert!(help.contains("calibrate") && !help.contains("selftest"), "{help}");
 }
 
 #[test]

@@ -42,9 +42,11 @@ fn a_night_shift_is_told_once_what_changed_and_never_that_nothing_did_when_nothi
     assert!(ran.out.contains("no drift found in 8 nights"), "{ran:?}");
     assert!(ran.out.contains("SIMULATED, NOT MEASURED"), "{ran:?}");
 
-    assert_eq!(drift(&workplace, &["--within", "1h"]).code, Some(0));
-    let ran = drift(&workplace, &["--within", "0s"]);
-    assert_eq!(ran.code, Some(6), "none of tonight: {ran:?}");
+    for (max_age, margin) in [("--max-age", "--equivalence-margin"), ("--within", "--matters")] {
+        assert_eq!(drift(&workplace, &[max_age, "1h", margin, "1mm"]).code, Some(0));
+        let ran = drift(&workplace, &[max_age, "0s"]);
+        assert_eq!(ran.code, Some(6), "none of tonight: {ran:?}");
+    }
 
     night(&workplace, 8, "shift_m: 0.2");
     let ran = drift(&workplace, &["--junit", "drift.xml", "--webhook", "drift.json"]);

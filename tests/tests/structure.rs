@@ -186,6 +186,7 @@ fn from_root(module: &Module, path: Vec<String>, modules: &BTreeSet<Module>) -> 
 
 #[rstest]
 #[case("workload/record/src")]
+#[case("workload/simulation/src")]
 #[case("workload/src")]
 #[case("reports/src")]
 #[case("orchestrator/src")]

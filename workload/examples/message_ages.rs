@@ -35,13 +35,13 @@ use record::{
     virtual_host::VirtualHost,
 };
 use serde::Serialize;
+use simulation::virtual_time::{
+    exchange::{Conditions, Exchange, Peer},
+    tcp::Counts,
+};
 use workload::{
     network::{self, Network},
     realtime::{enter_realtime, monotonic_ns, sleep_until},
-    virtual_time::{
-        exchange::{Conditions, Exchange, Peer},
-        tcp::Counts,
-    },
 };
 
 type Outcome<T> = Result<T, Box<dyn Error + Send + Sync>>;

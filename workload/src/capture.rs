@@ -194,8 +194,8 @@ impl Reader {
 
     fn read_until_dropped(&mut self) -> Result<(), CaptureError> {
         loop {
-            let patience = self.windows.next_crossing_unix_ns().map(time_until);
-            let wakened = self.source.wait(&self.wake, patience)?;
+            let timeout = self.windows.next_crossing_unix_ns().map(time_until);
+            let wakened = self.source.wait(&self.wake, timeout)?;
             // The time is read before the source is emptied: what was stamped before it is then in its file.
             let now_unix_ns = unix_now_ns();
             if wakened == Wakened::ByOwner && !self.take_boundaries() {

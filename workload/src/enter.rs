@@ -1,7 +1,7 @@
 //! Running a tool inside a virtual host of a workload that runs already, such as `rostopic` or a node of one's own. The
 //! main function is [`exec`].
 //!
-//! The hosts' network namespaces have no name. A running workload keeps an idle thread in each ([`door_name`]), and
+//! The hosts' network namespaces have no name. A running workload keeps an idle thread in each ([`entry_name`]), and
 //! /proc gives that thread's namespace to whoever may have it: the same user, or root. See setns(2), proc(5).
 
 use std::{
@@ -73,8 +73,8 @@ impl EnterError {
 
 /// The name of the thread that the workload keeps in a host.
 #[must_use]
-pub fn door_name(host: VirtualHost) -> String {
-    format!("door-{host}")
+pub fn entry_name(host: VirtualHost) -> String {
+    format!("netns-{host}")
 }
 
 /// Replaces this process by the program, inside the host, with `ROS_MASTER_URI` and `ROS_IP` set for it. Returns only
@@ -120,11 +120,11 @@ fn enter(pid: u32, host: VirtualHost) -> Result<(), EnterError> {
 /// The namespace of the thread that is in that host.
 fn find(pid: u32, host: VirtualHost) -> Result<PathBuf, EnterError> {
     let tasks = fs::read_dir(format!("/proc/{pid}/task")).map_err(|_| EnterError::NoProcess { pid })?;
-    let door = door_name(host);
+    let entry = entry_name(host);
     tasks
         .flatten()
         .map(|task| task.path())
-        .find(|task| fs::read_to_string(task.join("comm")).is_ok_and(|name| name.trim_end() == door))
+        .find(|task| fs::read_to_string(task.join("comm")).is_ok_and(|name| name.trim_end() == entry))
         .map(|task| task.join("ns/net"))
         .ok_or(EnterError::NoHost { pid, host })
 }

@@ -20,12 +20,11 @@ mod connection;
 mod error;
 mod lateness;
 mod latest_value;
-mod listeners;
 mod log_file;
 mod loop_threads;
 mod loops;
 mod master;
-pub mod message;
+mod namespace_entries;
 mod namespace_thread;
 mod node_messages;
 mod node_process;
@@ -37,7 +36,7 @@ mod platform_watch;
 mod recorder;
 mod rehearsal;
 mod reporter;
-pub mod schedule;
+mod schedule;
 mod snapshot;
 mod window_folder;
 
@@ -56,6 +55,7 @@ use record::{
     settings::{ImpairedFrom, Settings},
     virtual_host::VirtualHost,
 };
+use simulation::schedule::Schedule;
 
 pub use self::{
     error::ExperimentError,
@@ -68,14 +68,13 @@ pub use self::{
     window_folder::write_whole,
 };
 use self::{
-    listeners::Listeners,
     loops::Shared,
+    namespace_entries::NamespaceEntries,
     nodes::{Loops, Nodes, Setting},
     notices::NoticeQueue,
     open_window::WindowShape,
     platform_watch::PlatformWatch,
     recorder::{Recorder, Sources},
-    schedule::Schedule,
 };
 use crate::{
     capabilities::drop_unneeded,
@@ -115,7 +114,7 @@ pub fn run(
     let network = network::open(&settings.network, emulator_priority(settings))?;
     // Before anything is read that comes over the network, and before any other program is started.
     drop_unneeded();
-    let _doors = Listeners::open(network.as_ref())?;
+    let _entries = NamespaceEntries::open(network.as_ref())?;
     reporter.say(&Progress::NetworkUp);
     if settings.network.impaired_from == ImpairedFrom::Start {
         network.impair()?;

@@ -5,7 +5,6 @@
 use std::{
     ffi::OsString,
     io::{self, Write},
-    path::PathBuf,
     process::ExitCode,
     sync::{
         Arc,
@@ -17,8 +16,10 @@ use std::{
 use clap::{Args, Parser, Subcommand, builder::PossibleValuesParser};
 use nix::sys::signal::{SigSet, Signal};
 use record::{
+    call::{Check, Detached, Run},
     causes::with_causes,
-    exit::Exit,
+    exit::workload::Exit,
+    limits,
     progress::{Part, Progress},
     settings::{Dynamics, Settings},
     virtual_host::VirtualHost,
@@ -27,7 +28,7 @@ use workload::{
     capabilities::drop_unneeded,
     check, detached, enter,
     experiment::{self, Ending, ExperimentError, Program, Reporter, Request},
-    limits, network,
+    network,
 };
 
 /// One networked control experiment, in one environment.
@@ -53,30 +54,7 @@ enum Command {
     Enter(Enter),
     /// Keep a workload that goes on by itself: start it, follow it, bring its data, remove it.
     #[command(subcommand)]
-    Detached(detached::Verb),
-}
-
-#[derive(Debug, Args)]
-struct Run {
-    /// Name of the environment, kept with each window.
-    #[arg(long)]
-    environment: String,
-    /// The settings, as JSON; what is left out is as its `dynamics` has it.
-    #[arg(long, default_value = "{}")]
-    settings: String,
-    /// Folder for the data; made if it is not there.
-    #[arg(long)]
-    data: PathBuf,
-    /// Numbers of the windows to measure.
-    #[arg(long, value_delimiter = ',', required = true, value_parser = clap::value_parser!(u32).range(1..))]
-    windows: Vec<u32>,
-}
-
-#[derive(Debug, Args)]
-struct Check {
-    /// The settings, as JSON; what is left out is as its `dynamics` has it.
-    #[arg(long, default_value = "{}")]
-    settings: String,
+    Detached(Detached),
 }
 
 #[derive(Debug, Args)]
@@ -145,9 +123,9 @@ fn main() -> ExitCode {
         Command::Rehearse(call) => rehearse(&call),
         Command::Node(call) => node(&call),
         Command::Enter(call) => enter(&call),
-        Command::Detached(verb) => {
+        Command::Detached(call) => {
             limits::fail_at_the_longest_file();
-            detached::run(&verb)
+            detached::run(&call)
         }
     }
 }

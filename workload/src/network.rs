@@ -10,7 +10,6 @@ mod emulator;
 mod error;
 mod ipv6;
 mod kernel;
-pub mod link;
 pub mod mininet;
 mod namespace;
 pub mod release_lateness;

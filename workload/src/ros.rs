@@ -20,12 +20,10 @@ mod address;
 mod connection_header;
 mod connections;
 mod error;
-pub mod float64_multi_array;
 mod frames;
 #[doc(hidden)]
 pub mod fuzzing;
 mod master;
-mod message_type;
 mod name;
 mod node;
 mod notice;
@@ -33,7 +31,6 @@ mod publisher;
 pub mod rosmaster;
 mod socket;
 mod stop;
-pub mod string;
 mod subscription;
 #[cfg(test)]
 mod tests;
@@ -42,7 +39,6 @@ mod xml_rpc;
 
 pub use error::RosError;
 pub use master::Master;
-pub use message_type::MessageType;
 pub use node::{Node, NodeConfig};
 pub use notice::{Notice, Notices};
 pub use publisher::{PublishOutcome, Publisher, Subscribers};

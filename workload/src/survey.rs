@@ -13,19 +13,12 @@ use nix::{
     sys::utsname::uname,
     unistd::Pid,
 };
-use record::platform::{PlatformRecord, RealtimeGrant};
+use record::platform::{MACHINE, PlatformRecord, RealtimeGrant, os_name};
 
 use crate::{capabilities, cgroup, realtime};
 
 /// The workload's version.
 pub const VERSION: &str = env!("CARGO_PKG_VERSION");
-
-/// The machine that this program was built for, as `uname -m` names it. The kernel may be another's.
-pub const MACHINE: &str = if cfg!(target_arch = "x86") {
-    "i686"
-} else {
-    std::env::consts::ARCH
-};
 
 /// The platform as it is now, with what was granted of the real-time wishes.
 #[must_use]
@@ -123,31 +116,9 @@ fn kibibytes(text: &str, name: &str) -> Option<u64> {
         .checked_mul(1024)
 }
 
-/// `ID-VERSION_ID` of an os-release file, such as `debian-12`.
-fn os_name(os_release: &str) -> String {
-    let value = |name: &str| {
-        let line = os_release
-            .lines()
-            .find_map(|line| line.strip_prefix(name)?.strip_prefix('='));
-        line.map(|value| value.trim_matches('"').to_owned())
-    };
-    let parts = [value("ID"), value("VERSION_ID")];
-    parts.into_iter().flatten().collect::<Vec<_>>().join("-")
-}
-
 #[cfg(test)]
 mod tests {
-    use rstest::rstest;
-
     use super::*;
-
-    #[rstest]
-    #[case::debian("PRETTY_NAME=\"Debian 12\"\nVERSION_ID=\"12\"\nID=debian\n", "debian-12")]
-    #[case::rolling("ID=arch\nBUILD_ID=rolling\n", "arch")]
-    #[case::without_any("", "")]
-    fn an_os_is_named_by_id_and_version(#[case] os_release: &str, #[case] wanted: &str) {
-        assert_eq!(os_name(os_release), wanted);
-    }
 
     #[test]
     fn sizes_of_proc_are_kibibytes() {

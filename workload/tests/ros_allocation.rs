@@ -14,10 +14,8 @@ use std::{
     time::Duration,
 };
 
-use workload::ros::{
-    Master, Node, NodeConfig, Notices, PublishOutcome, Publisher,
-    float64_multi_array::{Encoder, MESSAGE_TYPE, decode},
-};
+use simulation::ros::float64_multi_array::{Encoder, MESSAGE_TYPE, decode};
+use workload::ros::{Master, Node, NodeConfig, Notices, PublishOutcome, Publisher};
 
 thread_local! {
     static CALLS: Cell<u64> = const { Cell::new(0) };
@@ -44,7 +42,7 @@ unsafe impl GlobalAlloc for Counting {
 #[global_allocator]
 static ALLOCATOR: Counting = Counting;
 
-const PATIENCE: Duration = Duration::from_secs(20);
+const TIMEOUT: Duration = Duration::from_secs(20);
 
 /// Publishes as a control loop does, and checks that this thread has not been at the allocator.
 fn publish(publisher: &mut Publisher, encoder: &mut Encoder<200>, values: &[f64; 200]) -> PublishOutcome {
@@ -72,7 +70,7 @@ fn a_control_loop_never_goes_to_the_allocator() {
         let (release, held) = std::sync::mpsc::channel::<()>();
         let hang = move |_: &[u8]| held.recv().unwrap_or_default();
         let subscription = controller.subscribe("/state", MESSAGE_TYPE, hang).unwrap();
-        publisher.subscribers().wait_for(1, PATIENCE).unwrap();
+        publisher.subscribers().wait_for(1, TIMEOUT).unwrap();
         let mut sent = 0;
         while publish(&mut publisher, &mut encoder, &values).dropped == 0 {
             sent += 1;

@@ -3,11 +3,11 @@
 use clap::{Parser, Subcommand};
 
 use crate::cli::command::{
-    check::CheckArguments, clean::CleanArguments, completions::CompletionsArguments, doctor::DoctorArguments,
-    drift::DriftArguments, ks::KsArguments, man::ManArguments, messages::MessagesArguments,
-    options::OutputArguments, plan::PlanArguments, redact::RedactArguments, report::ReportArguments,
-    resume::ResumeArguments, run::RunArguments, schema::SchemaArguments, selftest::SelftestArguments,
-    shell::ShellArguments, status::StatusArguments,
+    calibrate::CalibrateArguments, check::CheckArguments, clean::CleanArguments,
+    completions::CompletionsArguments, doctor::DoctorArguments, drift::DriftArguments, ks::KsArguments,
+    man::ManArguments, messages::MessagesArguments, options::OutputArguments, plan::PlanArguments,
+    redact::RedactArguments, report::ReportArguments, resume::ResumeArguments, run::RunArguments,
+    schema::SchemaArguments, shell::ShellArguments, status::StatusArguments,
 };
 
 const AFTER_HELP: &str = "\
@@ -48,10 +48,11 @@ pub enum Command {
     Report(ReportArguments),
     /// Copy runs without the names of hosts and users, for a review that is to be blind.
     Redact(RedactArguments),
-    /// Make a row for every message from the captures: sent, on the wire, arrived, received, sent again.
+    /// Make a row for every message from the captures: sent, on the wire, arrived, received, retransmitted.
     Messages(MessagesArguments),
     /// Say how often each method finds a difference where there is none, for data like that of a run.
-    Selftest(SelftestArguments),
+    #[command(alias = "selftest")]
+    Calibrate(CalibrateArguments),
     /// Say whether what is measured night after night has changed, and what else changed with it.
     Drift(DriftArguments),
     /// Compare two files of numbers, one a line, with the two-sample Kolmogorov-Smirnov test.
@@ -83,7 +84,7 @@ impl Command {
             Self::Report(arguments) => arguments.output,
             Self::Redact(arguments) => arguments.output,
             Self::Messages(arguments) => arguments.output,
-            Self::Selftest(arguments) => arguments.output,
+            Self::Calibrate(arguments) => arguments.output,
             Self::Drift(arguments) => arguments.output,
             Self::Ks(arguments) => arguments.output,
             Self::Clean(arguments) => arguments.output,

@@ -1,5 +1,6 @@
 //! The commands, one module each: what it takes, what it does, what it prints.
 
+pub mod calibrate;
 pub mod check;
 pub mod clean;
 pub mod completions;
@@ -15,12 +16,12 @@ pub mod report;
 pub mod resume;
 pub mod run;
 pub mod schema;
-pub mod selftest;
 pub mod shell;
 pub mod status;
+use record::exit::matrix::Exit;
 
 use crate::{
-    cli::{arguments::Command, exit::Exit, terminal::CommandError},
+    cli::{arguments::Command, terminal::CommandError},
     provider::Catalogue,
 };
 
@@ -38,7 +39,7 @@ pub async fn execute(command: &Command, catalogue: Catalogue) -> Result<Exit, Co
         Command::Report(arguments) => report::execute(arguments),
         Command::Redact(arguments) => redact::execute(arguments),
         Command::Messages(arguments) => messages::execute(arguments),
-        Command::Selftest(arguments) => selftest::execute(arguments),
+        Command::Calibrate(arguments) => calibrate::execute(arguments),
         Command::Drift(arguments) => drift::execute(arguments),
         Command::Ks(arguments) => ks::execute(arguments),
         Command::Shell(arguments) => shell::execute(arguments, catalogue).await,

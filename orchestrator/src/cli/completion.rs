@@ -20,10 +20,9 @@ use record::run_directory::{FORMAT, PlanRecord, PlannedScenario, RunDirectory, r
 
 use crate::{
     matrix_file::MatrixFile,
-    plan::{self, Selection, order::Order},
+    preparation::{self, PlanRequest},
     provider::Catalogue,
     run::recorded::newest_first,
-    survey,
 };
 
 /// The variable of the environment that holds the name of the shell that asks.
@@ -33,7 +32,7 @@ pub const VARIABLE: &str = "MATRIX_COMPLETE";
 pub static COMMAND_LINE: OnceLock<fn() -> clap::Command> = OnceLock::new();
 
 /// Longer nobody waits for a completion: the file may be a pipe, or lie on a disk that does not answer.
-const PATIENCE: Duration = Duration::from_secs(1);
+const TIMEOUT: Duration = Duration::from_secs(1);
 
 /// The matrix file where the command line names none.
 const FILE: &str = "matrix.yaml";
@@ -92,7 +91,7 @@ fn in_time(
     let found = thread::Builder::new()
         .spawn(move || sender.send(find()))
         .ok()
-        .and_then(|_| receiver.recv_timeout(PATIENCE).ok());
+        .and_then(|_| receiver.recv_timeout(TIMEOUT).ok());
     found.flatten().unwrap_or_default()
 }
 
@@ -132,9 +131,11 @@ impl Line {
                 Some((name, value)) => (name, Some(OsString::from(value))),
                 None => (option, None),
             };
-            let takes_value = command
-                .get_arguments()
-                .any(|argument| argument.get_long() == Some(name) && argument.get_action().takes_values());
+            let takes_value = command.get_arguments().any(|argument| {
+                let former = argument.get_all_aliases().unwrap_or_default();
+                (argument.get_long() == Some(name) || former.contains(&name))
+                    && argument.get_action().takes_values()
+            });
             let value = match takes_value {
                 true => value.or_else(|| words.next()),
                 false => None,
@@ -160,9 +161,11 @@ fn profiles_of_file(line: &Line) -> Option<Vec<CompletionCandidate>> {
 }
 
 fn scenarios_planned(line: &Line) -> Option<Vec<CompletionCandidate>> {
-    let file = MatrixFile::read(line.file(), line.profile.as_deref(), Catalogue::default()).ok()?;
-    let facts = survey::unasked(&file);
-    let plan = plan::plan(&file, &facts, &Selection::default(), Order::default(), 0).ok()?;
+    let request = PlanRequest {
+        profile: line.profile.as_deref(),
+        ..PlanRequest::new(line.file())
+    };
+    let plan = preparation::prepare_offline(&request, Catalogue::default()).ok()?;
     Some(named(&plan.record.scenarios))
 }
 
@@ -232,6 +235,7 @@ mod tests {
     #[case::in_one_word("matrix run --profile=quick my.yaml", Some("my.yaml"), Some("quick"))]
     #[case::in_the_words_of_bash("matrix run --profile = quick my.yaml", Some("my.yaml"), Some("quick"))]
     #[case::value_still_missing("matrix run my.yaml --profile", Some("my.yaml"), None)]
+    #[case::former_options("matrix plan --spread 1mm my.yaml", Some("my.yaml"), None)]
     #[case::unknown_options("matrix run -x --y my.yaml", Some("my.yaml"), None)]
     fn an_unfinished_command_line_names_its_file_and_its_profile(
         #[case] words: &str,
@@ -282,7 +286,7 @@ mod tests {
     #[test]
     fn what_takes_long_completes_nothing() {
         let found = in_time(|| {
-            thread::sleep(4 * PATIENCE);
+            thread::sleep(4 * TIMEOUT);
             Some(vec![CompletionCandidate::new("late")])
         });
         assert!(found.is_empty(), "{found:?}");

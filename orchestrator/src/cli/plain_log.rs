@@ -40,7 +40,11 @@ fn words(event: &Event) -> Option<String> {
             return None;
         }
         Event::HostBusy { host, holder } => format!("{host}: waiting, held by {holder}"),
-        Event::ScenarioStarted { scenario, windows } => format!("{scenario}: windows {}", list(windows)),
+        Event::ScenarioStarted {
+            scenario,
+            windows,
+            round,
+        } => format!("{scenario}: {}windows {}", environment(*round), list(windows)),
         Event::EnvironmentCreating {
             scenario,
             provider,
@@ -98,8 +102,9 @@ fn words(event: &Event) -> Option<String> {
             outcome,
             reason,
             hint,
+            round,
         } => {
-            let mut line = format!("{scenario}: {}", outcome.name());
+            let mut line = format!("{scenario}: {}{}", environment(*round), outcome.name());
             for part in [reason, hint].into_iter().flatten() {
                 line.push_str(": ");
                 line.push_str(part);
@@ -135,6 +140,11 @@ fn said(progress: &Progress) -> Option<String> {
     })
 }
 
+/// Which environment of a scenario it is, where there are several.
+fn environment(round: Option<u32>) -> String {
+    round.map_or_else(String::new, |round| format!("environment {round}, "))
+}
+
 fn list(windows: &[u32]) -> String {
     windows.iter().map(u32::to_string).collect::<Vec<_>>().join(", ")
 }
@@ -152,10 +162,24 @@ mod tests {
             outcome: Outcome::Errored,
             reason: Some("no space left".into()),
             hint: Some("make room".into()),
+            round: None,
         };
         assert_eq!(
             line(&event).unwrap(),
             "x86-64-debian-12-docker: errored: no space left: make room"
+        );
+    }
+
+    #[test]
+    fn the_environment_is_named_where_a_scenario_has_several() {
+        let event = Event::ScenarioStarted {
+            scenario: "x86-64-debian-12-docker".into(),
+            windows: vec![5, 6],
+            round: Some(3),
+        };
+        assert_eq!(
+            line(&event).unwrap(),
+            "x86-64-debian-12-docker: environment 3, windows 5, 6"
         );
     }
 

@@ -21,6 +21,7 @@ pub struct ProgressBars {
 struct Scenario {
     bar: ProgressBar,
     windows: u32,
+    environments: u32,
     steps_per_window: u64,
     rate_hz: f64,
     /// Windows that were done before the one under way.
@@ -41,13 +42,14 @@ impl ProgressBars {
                 let settings = &planned.settings;
                 let steps = settings
                     .steps_per_window()
-                    .saturating_mul(u64::from(settings.windows));
+                    .saturating_mul(u64::from(settings.all_windows()));
                 let bar = bars.add(ProgressBar::new(steps).with_style(style()));
                 bar.set_prefix(format!("{} {}", planned.id, planned.slug));
                 bar.set_message("waiting");
                 let scenario = Scenario {
                     bar,
-                    windows: settings.windows,
+                    windows: settings.all_windows(),
+                    environments: settings.environments,
                     steps_per_window: settings.steps_per_window(),
                     rate_hz: settings.rate.hz(),
                     windows_done: 0,
@@ -89,9 +91,13 @@ impl Observer for ProgressBars {
                     scenario.bar.set_message(after_colon(&line));
                 }
             }
-            Event::ScenarioFinished { scenario, .. } => {
+            Event::ScenarioFinished { scenario, round, .. } => {
                 if let (Some(scenario), Some(line)) = (self.scenarios.get(scenario), plain_log::line(event)) {
-                    scenario.bar.abandon_with_message(after_colon(&line));
+                    // Its next environment goes on with the bar.
+                    match round.is_some_and(|round| round < scenario.environments) {
+                        true => scenario.bar.set_message(after_colon(&line)),
+                        false => scenario.bar.abandon_with_message(after_colon(&line)),
+                    }
                 }
             }
             Event::WindowBroken { .. }

@@ -5,11 +5,13 @@ use std::{
     path::{Path, PathBuf},
 };
 
-use record::run_directory::{Manifest, Outcome, PlanRecord, RunDirectory};
+use record::{
+    exit::matrix::Exit,
+    run_directory::{Manifest, Outcome, PlanRecord, RunDirectory, RunState},
+};
 use tokio::signal::unix::{SignalKind, signal};
 
 use super::{
-    exit::Exit,
     plain_log::PlainLog,
     progress_bars::ProgressBars,
     terminal::{self, CommandError},
@@ -17,19 +19,18 @@ use super::{
 use crate::{
     escaping,
     observer::Observer,
-    provider::Roster,
+    provider::Providers,
     run::{
         keep::Keep,
         recorded::RecordedRunError,
-        session::{self, LockError, SessionError, Wishes},
-        state::RunState,
+        session::{self, LockError, Options, SessionError},
         stop::{self, StopSwitch},
     },
 };
 
 /// How a run is shown while it runs.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Show {
+pub enum ProgressDisplay {
     /// Bars on a terminal, lines elsewhere.
     Progress,
     /// Nothing.
@@ -42,7 +43,7 @@ pub struct RunOptions {
     /// Whether it goes on with an earlier start.
     pub resumed: bool,
     /// How it is shown.
-    pub show: Show,
+    pub show: ProgressDisplay,
     /// Which environments stay.
     pub keep: Keep,
 }
@@ -56,19 +57,19 @@ pub async fn carry_out(
     directory: &RunDirectory,
     manifest: &Manifest,
     plan: &PlanRecord,
-    roster: &Roster,
+    providers: &Providers,
     state: RunState,
     options: RunOptions,
 ) -> Result<Exit, CommandError> {
     let (switch, stop) = stop::stop_switch();
     tokio::spawn(listen(switch, directory.path().to_owned()));
-    let wishes = Wishes {
+    let options = Options {
         resumed: options.resumed,
         keep: options.keep,
         observers: observers(plan, options.show),
         stop,
     };
-    let state = session::carry_out(directory, manifest, plan, roster, state, wishes).await?;
+    let state = session::carry_out(directory, manifest, plan, providers, state, options).await?;
     Ok(exit(&state, plan))
 }
 
@@ -94,11 +95,13 @@ impl From<RecordedRunError> for CommandError {
     }
 }
 
-fn observers(plan: &PlanRecord, show: Show) -> Vec<Box<dyn Observer>> {
+fn observers(plan: &PlanRecord, show: ProgressDisplay) -> Vec<Box<dyn Observer>> {
     match show {
-        Show::Nothing => Vec::new(),
-        Show::Progress if std::io::stderr().is_terminal() => vec![Box::new(ProgressBars::new(plan))],
-        Show::Progress => vec![Box::new(PlainLog::new(std::io::stderr()))],
+        ProgressDisplay::Nothing => Vec::new(),
+        ProgressDisplay::Progress if std::io::stderr().is_terminal() => {
+            vec![Box::new(ProgressBars::new(plan))]
+        }
+        ProgressDisplay::Progress => vec![Box::new(PlainLog::new(std::io::stderr()))],
     }
 }
 
@@ -116,9 +119,9 @@ async fn listen(switch: StopSwitch, directory: PathBuf) {
         }
         if first {
             switch.request();
-            terminal::remark("stopping: complete windows are collected; once more to leave at once");
+            terminal::print_note("stopping: complete windows are collected; once more to leave at once");
         } else {
-            terminal::remark(&how_to_go_on(&directory));
+            terminal::print_note(&how_to_go_on(&directory));
             std::process::exit(i32::from(Exit::Interrupted.code()));
         }
     }
@@ -135,12 +138,7 @@ pub fn how_to_go_on(directory: &Path) -> String {
 
 /// The exit code of a run, as docs/exit-codes.md has it.
 fn exit(state: &RunState, plan: &PlanRecord) -> Exit {
-    let outcomes: Vec<Option<Outcome>> = plan
-        .scenarios
-        .iter()
-        .filter(|planned| planned.runs())
-        .map(|planned| state.scenario(&planned.slug).outcome)
-        .collect();
+    let outcomes = state.outcomes(plan);
     let any = |outcome| outcomes.contains(&outcome);
     if state.is_interrupted(plan) {
         Exit::Interrupted

@@ -10,14 +10,14 @@ use std::{
 };
 
 use annotate_snippets::Renderer;
-use record::causes::with_causes;
+use record::{causes::with_causes, exit::matrix::Exit};
 use schemars::JsonSchema;
 use serde::Serialize;
 
 use crate::{
-    cli::exit::Exit,
     escaping::{harmless, harmless_json, without_commands},
     matrix_file::{DiagnosticRecord, Diagnostics},
+    preparation::PreparationError,
 };
 
 /// An error as a person gets it: what, because of what, what to do, and the exit code.
@@ -111,6 +111,12 @@ impl CommandError {
     }
 }
 
+impl From<PreparationError> for CommandError {
+    fn from(error: PreparationError) -> Self {
+        Self::of_mistakes(error.into_mistakes())
+    }
+}
+
 /// Prints a result.
 pub fn result(text: &str) {
     print(&harmless(text));
@@ -141,13 +147,13 @@ pub fn json(value: &impl Serialize) {
 }
 
 /// Prints a remark that is not a result.
-pub fn remark(text: &str) {
+pub fn print_note(text: &str) {
     let _ = writeln!(io::stderr().lock(), "{}", harmless(text));
 }
 
 /// Prints what is wrong with a file, in colours where standard error is a terminal and the environment does not say
 /// `NO_COLOR`. The renderer spells control characters out itself.
-pub fn mistakes(found: &Diagnostics) {
+pub fn print_diagnostics(found: &Diagnostics) {
     let mut err = anstream::AutoStream::auto(io::stderr().lock());
     let rendered = found.render(&Renderer::styled());
     let lines: String = rendered
@@ -159,12 +165,12 @@ pub fn mistakes(found: &Diagnostics) {
 }
 
 /// Prints an error.
-pub fn complain(complaint: &CommandError) {
-    match &complaint.what {
-        What::Failure(failure) => remark(&format!("error: {failure}")),
-        What::Mistakes(found) => mistakes(found),
+pub fn print_error(error: &CommandError) {
+    match &error.what {
+        What::Failure(failure) => print_note(&format!("error: {failure}")),
+        What::Mistakes(found) => print_diagnostics(found),
     }
-    if let Some(hint) = &complaint.hint {
-        remark(&format!("  hint: {hint}"));
+    if let Some(hint) = &error.hint {
+        print_note(&format!("  hint: {hint}"));
     }
 }

@@ -3,6 +3,7 @@
 use std::{env, io, os::fd::OwnedFd, path::PathBuf, process::Stdio, sync::Arc, time::Duration};
 
 use async_trait::async_trait;
+use record::connection::SshAddress;
 use tokio::{
     io::AsyncReadExt as _,
     net::{TcpStream, UnixStream},
@@ -12,7 +13,7 @@ use tokio::{
 };
 
 use super::{Deployed, Exit, Host, HostError, Listener, Program, ProgramEnd, RunningProgram, ssh::SshHost};
-use crate::{lease, matrix_file::SshAddress, state_directory::StateDirectory, workload_binary};
+use crate::{lease, state_directory::StateDirectory, workload_binary};
 
 /// All that a program gets of the surroundings in which `matrix` was started.
 const HANDED_ON: [&str; 2] = ["PATH", "HOME"];

@@ -9,10 +9,14 @@
 //! The lease is a program on the host that ends with its connection, so that the kernel gives the lease back whatever
 //! becomes of us. After a cut the program comes back with the same token and takes over from its older self.
 
-use std::{ffi::OsStr, sync::Arc, time::Duration};
+use std::{sync::Arc, time::Duration};
 
 use futures_util::StreamExt as _;
-use record::detached::{Failure, LeaseAnswer, LeaseRequest};
+use record::{
+    call::{Detached, Lease},
+    detached::{Failure, LeaseAnswer, LeaseRequest},
+    quantity::TimeSpan,
+};
 use serde_json::{Map, Value};
 use tokio::{
     io::AsyncWriteExt as _,
@@ -27,7 +31,7 @@ use super::{Host, HostError, Program, ProgramEnd};
 use crate::lease::Holder;
 
 /// How long the host believes in a holder that says nothing. A cut that lasts longer gives the host to the next.
-const BEAT: &str = "5min";
+const BEAT: TimeSpan = TimeSpan::from_secs(5 * 60);
 /// How often the host hears from us: twice may be lost.
 const SAY: Duration = Duration::from_secs(90);
 /// How long a lease that is given back may take to be free.
@@ -219,9 +223,11 @@ struct Link {
 impl Link {
     async fn open(host: &dyn Host, request: &LeaseRequest) -> Result<Self, HostError> {
         let deployed = host.deploy().await?;
-        let lease = deployed.lease.as_os_str();
-        let arguments = ["detached", "lease", "--beat", BEAT, "--path"].map(OsStr::new);
-        let program = Program::new(&deployed.program, arguments.into_iter().chain([lease]));
+        let call = Detached::Lease(Lease {
+            path: deployed.lease.clone(),
+            beat: BEAT,
+        });
+        let program = Program::new(&deployed.program, call.arguments());
         let running = host.start(&program).await?;
         let (output, mut input) = running.stream.into_split();
         let mut line = serde_json::to_vec(request).unwrap_or_default();

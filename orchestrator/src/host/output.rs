@@ -19,15 +19,15 @@ const LONGEST_ANSWER: u64 = 16 << 20;
 /// Starts a program, gives it `input` and waits until it has ended: how, and what it wrote to its standard output.
 ///
 /// # Errors
-/// When the host cannot be reached or refuses, and when the program has not ended after `patience` or says far too much.
+/// When the host cannot be reached or refuses, and when the program has not ended after `timeout` or says far too much.
 pub async fn output(
     host: &dyn Host,
     program: &Program,
     input: &[u8],
-    patience: Duration,
+    timeout: Duration,
 ) -> Result<(Exit, Vec<u8>), HostError> {
     let action = format!("running {}", program.file.display());
-    answer(host.name(), &action, host.start(program), input, patience).await
+    answer(host.name(), &action, host.start(program), input, timeout).await
 }
 
 /// Gives a program `input` once it is started, and waits until it has ended.
@@ -39,7 +39,7 @@ pub(super) async fn answer(
     action: &str,
     starting: impl Future<Output = Result<RunningProgram, HostError>>,
     input: &[u8],
-    patience: Duration,
+    timeout: Duration,
 ) -> Result<(Exit, Vec<u8>), HostError> {
     let running = async {
         let running = starting.await?;
@@ -53,12 +53,12 @@ pub(super) async fn answer(
             })?;
         Ok((running.end.wait().await?, answer))
     };
-    tokio::time::timeout(patience, running)
+    tokio::time::timeout(timeout, running)
         .await
         .map_err(|_| HostError::TimedOut {
             host: host.to_owned(),
             action: action.to_owned(),
-            after: patience,
+            after: timeout,
         })?
 }
 

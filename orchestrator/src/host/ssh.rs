@@ -32,6 +32,7 @@ use std::{
 };
 
 use async_trait::async_trait;
+use record::connection::{Ssh, SshAddress};
 use ssh2::{Channel, ErrorCode};
 use tokio::{
     net::UnixStream,
@@ -41,15 +42,12 @@ use tokio::{
 
 pub use self::{
     configuration::SshClient,
-    error::{Complaint, SshError},
+    error::{HostKeyProblem, SshError},
     hop::Trust,
 };
 use self::{hop::Hop, idle::IdleLinks, link::Link, pump::Ended};
 use super::{Deployed, Exit, Host, HostError, Listener, Program, ProgramEnd, RunningProgram};
-use crate::{
-    failure::Cause,
-    matrix_file::{Ssh, SshAddress},
-};
+use crate::failure::Cause;
 
 /// How long it may take until a stream is there. Each part of the way has a bound of its own; this one is for an agent
 /// that asks its user, and for names that nobody resolves.

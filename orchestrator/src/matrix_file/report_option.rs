@@ -40,8 +40,8 @@ impl ReportOption {
     pub const DISCARD_PERIODS: Self = Self::new("--discard-periods", "discard_periods", fits);
     /// `--warm-up`.
     pub const WARM_UP: Self = Self::new("--warm-up", "warm_up", fits);
-    /// `--control`.
-    pub const CONTROL: Self = Self::new("--control", "control", report_names::check_control);
+    /// `--baseline`.
+    pub const BASELINE: Self = Self::new("--baseline", "baseline", report_names::check_baseline);
     /// `--family`.
     pub const FAMILY: Self = Self::new("--family", "family", report_names::check_family);
     /// `--figures`.
@@ -129,12 +129,12 @@ mod tests {
         "[[b, a], [a/1, debian-docker/4]]",
         r#"[["b","a"],["a/1","debian-docker/4"]]"#
     )]
-    #[case::control(
-        ReportOption::CONTROL,
+    #[case::baseline(
+        ReportOption::BASELINE,
         "{virtualization: docker}",
         r#"{"virtualization":"docker"}"#
     )]
-    #[case::family(ReportOption::FAMILY, "against-controls", r#""against-controls""#)]
+    #[case::family(ReportOption::FAMILY, "against-baseline", r#""against-baseline""#)]
     #[case::pairs(ReportOption::FAMILY, "[[a, b]]", r#"[["a","b"]]"#)]
     #[case::metric(ReportOption::METRIC, "mean-abs-x", r#""mean-abs-x""#)]
     #[case::error(ReportOption::ERROR, "true-position", r#""true-position""#)]
@@ -162,13 +162,13 @@ mod tests {
     #[case::no_list(ReportOption::FIGURES, "a")]
     #[case::not_yaml(ReportOption::FIGURES, "[[a, b]")]
     #[case::nothing(ReportOption::FAMILY, "")]
-    #[case::misspelt_family(ReportOption::FAMILY, "against-control")]
+    #[case::misspelt_family(ReportOption::FAMILY, "against-baselin")]
     #[case::family_of_no_scenario(ReportOption::FAMILY, "[[a, z]]")]
     #[case::misspelt_metric(ReportOption::METRIC, "mean-abs")]
     #[case::misspelt_error(ReportOption::ERROR, "true")]
     #[case::alpha_out_of_range(ReportOption::ALPHA, "5")]
-    #[case::control_on_no_axis(ReportOption::CONTROL, "{virtualisation: native}")]
-    #[case::control_that_is_a_word(ReportOption::CONTROL, "native")]
+    #[case::baseline_on_no_axis(ReportOption::BASELINE, "{virtualisation: native}")]
+    #[case::baseline_that_is_a_word(ReportOption::BASELINE, "native")]
     fn what_is_wrong_is_shown_behind_the_option(#[case] option: ReportOption, #[case] text: &str) {
         let found = option
             .apply(text, &ReportSettings::default(), &scenarios())
@@ -185,13 +185,13 @@ mod tests {
     }
 
     #[test]
-    fn a_control_that_no_scenario_is_is_a_warning() {
+    fn a_baseline_that_no_scenario_is_is_a_warning() {
         let text = "{virtualization: kvm}";
-        let (_, warnings) = ReportOption::CONTROL
+        let (_, warnings) = ReportOption::BASELINE
             .apply(text, &ReportSettings::default(), &scenarios())
             .unwrap();
         assert!(
-            warnings.to_string().contains("there is no experimental control"),
+            warnings.to_string().contains("the baseline is empty"),
             "{warnings}"
         );
     }

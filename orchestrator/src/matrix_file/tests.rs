@@ -2,6 +2,7 @@
 
 use std::collections::BTreeMap;
 
+use record::family::Family;
 use rstest::rstest;
 
 use super::*;
@@ -108,11 +109,15 @@ fn told(bytes: &[u8], profile: Option<&str>) -> Diagnostics {
 #[case::alpha_out_of_range("matrix: {}\nreport: {alpha: 5}\n")]
 #[case::figure_of_no_scenario("matrix: {}\nreport:\n  figures: [[a, b]]\n")]
 #[case::family_of_no_scenario("matrix: {}\nreport:\n  family: [[a, b]]\n")]
-#[case::family_misspelt("matrix: {}\nreport:\n  family: against-control\n")]
-#[case::matters_without_a_unit("matrix: {}\nreport: {matters: 2}\n")]
-#[case::control_on_no_axis("matrix: {}\nreport:\n  control: {virtualisation: native}\n")]
-#[case::control_that_no_scenario_is(
-    "matrix: {virtualization: [docker]}\nreport:\n  control: {virtualization: native}\n"
+#[case::family_misspelt("matrix: {}\nreport:\n  family: against-baselin\n")]
+#[case::equivalence_margin_without_a_unit("matrix: {}\nreport: {equivalence_margin: 2}\n")]
+#[case::baseline_on_no_axis("matrix: {}\nreport:\n  baseline: {virtualisation: native}\n")]
+#[case::baseline_that_no_scenario_is(
+    "matrix: {virtualization: [docker]}\nreport:\n  baseline: {virtualization: native}\n"
+)]
+#[case::mistakes_under_former_names("matrix: {}\nreport:\n  control: native\n  matters: 2\n")]
+#[case::a_setting_under_both_its_names(
+    "matrix: {}\nreport:\n  baseline: {}\n  control: {}\nprofiles:\n  quick:\n    report: {matters: 1mm, equivalence_margin: 2mm}\n"
 )]
 #[case::never_rejects("matrix: {}\nworkload:\n  window: 300s\n")]
 #[case::sometimes_rejects("matrix: {}\nworkload:\n  window: 700s\nreport:\n  discard_periods: 3\n")]
@@ -230,6 +235,31 @@ fn a_profile_overrides_and_keeps_the_rest() {
     assert_eq!(file.workload.rate.to_string(), "100Hz");
     assert_eq!(file.report.alpha, 0.01);
     assert_eq!(file.matrix.axes[0].values[0].text, "fake");
+}
+
+#[test]
+fn a_setting_is_read_under_its_former_name_and_proposed_under_its_own() {
+    let text = "matrix: {}\nreport: {control: {os: a}, matters: 1mm, family: against-controls}\n\
+        profiles: {quick: {report: {baseline: {os: b}, equivalence_margin: 2mm}}}\n";
+    for (profile, os, margin) in [(None, "a", "1mm"), (Some("quick"), "b", "2mm")] {
+        let report = MatrixFile::parse("m", text.as_bytes(), profile).unwrap().report;
+        assert_eq!(report.baseline["os"], os);
+        assert_eq!(report.equivalence_margin.unwrap().to_string(), margin);
+        assert_eq!(report.family, Family::AgainstBaseline);
+    }
+    let found = told(b"matrix: {}\nreport: {xyz: 1}\n", None).to_string();
+    let schema = schema(Catalogue::default());
+    let settings = &schema["$defs"]["ReportSettings"]["properties"];
+    for (former, own) in ReportSettings::RENAMED {
+        assert!(
+            found.contains(&format!("`{own}`")) && !found.contains(&format!("`{former}`")),
+            "{found}"
+        );
+        assert!(
+            settings[own].is_object() && settings[former].is_null(),
+            "{settings:#}"
+        );
+    }
 }
 
 #[test]

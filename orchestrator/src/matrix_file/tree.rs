@@ -138,7 +138,7 @@ impl Node {
     #[must_use]
     pub fn entry_at(&self, path: &str) -> Option<&Entry> {
         let (first, rest) = path.split_once('.').unwrap_or((path, ""));
-        // An axis in `report.control` has dots in its name: a key that is all of the rest comes first.
+        // An axis in `report.baseline` has dots in its name: a key that is all of the rest comes first.
         self.entry(path).or_else(|| {
             let entry = self.entry(first).filter(|_| !rest.is_empty())?;
             entry.value.entry_at(rest)
@@ -238,12 +238,12 @@ mod tests {
 
     #[test]
     fn a_path_is_located_as_far_as_it_goes() {
-        let text = "report:\n  control: {network.loss: 1%}\n  alpha: 0.1\n";
+        let text = "report:\n  baseline: {network.loss: 1%}\n  alpha: 0.1\n";
         let root = tree(text);
         let at = |path| root.locate(path).map(|span| &text[span.range()]);
         assert_eq!(at("report.alpha"), Some("0.1"));
-        assert_eq!(at("report.control.network.loss"), Some("1%"));
-        assert_eq!(at("report.control.os"), Some("control"));
+        assert_eq!(at("report.baseline.network.loss"), Some("1%"));
+        assert_eq!(at("report.baseline.os"), Some("baseline"));
         assert_eq!(at("report.figures"), Some("report"));
         assert_eq!(at("workload.window"), None);
     }

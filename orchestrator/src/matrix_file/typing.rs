@@ -9,6 +9,7 @@ mod reader;
 use std::{collections::HashSet, fmt, sync::Arc};
 
 use reader::Reader;
+use record::report_settings::ReportSettings;
 use serde::de::{self, DeserializeOwned, Expected, Unexpected};
 
 use super::{
@@ -109,7 +110,7 @@ impl TypeError {
                     .help(if key == "<<" {
                         "YAML 1.2 has no merge keys: repeat the keys, or write a profile".to_owned()
                     } else {
-                        propose(&key, known.iter().copied())
+                        propose(&key, without_former_names(known))
                     })
             }
             Wrong::UnknownValue { value, known } => error(
@@ -188,6 +189,15 @@ impl de::Error for TypeError {
     fn missing_field(key: &'static str) -> Self {
         Wrong::MissingKey(key).into()
     }
+}
+
+/// Keys without the names that settings had in earlier versions, which serde lists too.
+fn without_former_names(known: &'static [&'static str]) -> impl Iterator<Item = &'static str> + Clone {
+    known.iter().copied().filter(move |key| {
+        !ReportSettings::RENAMED
+            .iter()
+            .any(|(former, own)| former == key && known.contains(own))
+    })
 }
 
 fn spell_found(found: &Unexpected<'_>) -> String {

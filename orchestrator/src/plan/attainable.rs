@@ -5,9 +5,9 @@
 //! Kolmogorov-Smirnov test: of the C(n+m, n) equally likely arrangements only the two with one sample wholly before the
 //! other are as extreme, so p = 2 / C(n+m, n) (Gibbons and Chakraborti, *Nonparametric Statistical Inference*, 6.3).
 
-use reports::statistics::ks::smallest_attainable_p;
 use schemars::JsonSchema;
 use serde::Serialize;
+use statistics::ks::smallest_attainable_p;
 
 /// Sizes of two samples and the smallest p their comparison can reach.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, JsonSchema)]

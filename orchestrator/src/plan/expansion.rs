@@ -10,7 +10,7 @@ use std::collections::{HashMap, HashSet};
 
 use record::axis::{HARDWARE, NATIVE, OS, VIRTUALIZATION};
 
-use super::placement::Offer;
+use super::placement::HostCapabilities;
 use crate::matrix_file::{
     Assignment, Axis, AxisValue, Code, Diagnostic, Diagnostics, Exclude, FEWER, Include, MatrixFile, Role,
     SCENARIOS, did_you_mean, list, propose, source::Span,
@@ -52,7 +52,7 @@ impl Combination {
 }
 
 /// All combinations, the first axis slowest, included ones last. What is wrong goes to `found`.
-pub fn expand(file: &MatrixFile, offers: &[Offer], found: &mut Diagnostics) -> Vec<Combination> {
+pub fn expand(file: &MatrixFile, offers: &[HostCapabilities], found: &mut Diagnostics) -> Vec<Combination> {
     let mut expansion = Expansion {
         file,
         offers,
@@ -85,7 +85,7 @@ struct Draft {
 
 struct Expansion<'a> {
     file: &'a MatrixFile,
-    offers: &'a [Offer],
+    offers: &'a [HostCapabilities],
     found: &'a mut Diagnostics,
     /// Axis names in order, those among them that the hosts give.
     axes: Vec<String>,
@@ -167,7 +167,7 @@ impl<'a> Expansion<'a> {
     }
 
     /// What the hosts offer, each pair once.
-    fn pairs(&self, wanted: impl Fn(&Offer) -> bool) -> Vec<Values> {
+    fn pairs(&self, wanted: impl Fn(&HostCapabilities) -> bool) -> Vec<Values> {
         let mut seen = HashSet::new();
         self.offers
             .iter()
@@ -368,7 +368,7 @@ impl<'a> Expansion<'a> {
 
     /// Hardware and OS that are not named are those of the first host that offers the rest.
     fn complete(&self, values: &mut Values) {
-        let wanted = |offer: &Offer| {
+        let wanted = |offer: &HostCapabilities| {
             [HARDWARE, OS].iter().all(|axis| {
                 value_of(values, axis).is_none_or(|value| offer.get(axis) == Some(value.text.as_str()))
             })

@@ -30,6 +30,18 @@ impl Order {
         }
     }
 
+    /// The letters of scenarios in the order of each round, the first of which is that of the seed itself. A round has the
+    /// scenarios that have an environment in it.
+    #[must_use]
+    pub fn rounds(self, scenarios: &[&PlannedScenario], seed: u64) -> Vec<Vec<String>> {
+        let most = scenarios.iter().map(|it| it.settings.environments).max();
+        let of_round = |round: u32| {
+            let in_it = scenarios.iter().filter(|it| round <= it.settings.environments);
+            self.arrange(&in_it.copied().collect::<Vec<_>>(), seed_of_round(seed, round))
+        };
+        (1..=most.unwrap_or(0)).map(of_round).collect()
+    }
+
     /// The letters of scenarios in the order of a seed.
     #[must_use]
     pub fn arrange(self, scenarios: &[&PlannedScenario], seed: u64) -> Vec<String> {
@@ -51,6 +63,14 @@ impl Order {
                 placed.into_iter().map(|(_, letter)| letter).collect()
             }
         }
+    }
+}
+
+/// The seed of a round's order. It is drawn, since SplitMix64's seeds that differ by its increment give each other's numbers.
+fn seed_of_round(seed: u64, round: u32) -> u64 {
+    match round {
+        0 | 1 => seed,
+        round => SplitMix64(seed.wrapping_add(u64::from(round))).next(),
     }
 }
 

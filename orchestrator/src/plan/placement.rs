@@ -43,7 +43,7 @@ pub struct ProviderFacts {
 
 /// What a host offers: what the matrix file says, completed by what the survey found.
 #[derive(Debug, Clone, PartialEq)]
-pub struct Offer {
+pub struct HostCapabilities {
     /// The host's name.
     pub host: String,
     /// Its hardware.
@@ -55,7 +55,7 @@ pub struct Offer {
     facts: Option<HostFacts>,
 }
 
-impl Offer {
+impl HostCapabilities {
     /// Of a host, with what is known of it.
     #[must_use]
     pub fn of(host: &Host, facts: Option<&HostFacts>) -> Self {
@@ -229,7 +229,10 @@ pub struct Placement {
 }
 
 /// The hosts that offer a combination's hardware and OS.
-pub fn fitting<'a>(combination: &Combination, offers: &'a [Offer]) -> impl Iterator<Item = &'a Offer> {
+pub fn fitting<'a>(
+    combination: &Combination,
+    offers: &'a [HostCapabilities],
+) -> impl Iterator<Item = &'a HostCapabilities> {
     offers.iter().filter(|offer| {
         [HARDWARE, OS]
             .iter()
@@ -240,7 +243,7 @@ pub fn fitting<'a>(combination: &Combination, offers: &'a [Offer]) -> impl Itera
 /// The first host that offers a combination's hardware and OS and can make an environment that meets its need, or, after
 /// all those, may be able to when it is back; if none can, the first that offers them, with what stands in the way.
 #[must_use]
-pub fn place(combination: &Combination, need: &Need, offers: &[Offer]) -> Placement {
+pub fn place(combination: &Combination, need: &Need, offers: &[HostCapabilities]) -> Placement {
     let virtualization = combination.virtualization();
     let mut fitting: Vec<_> = fitting(combination, offers)
         .map(|offer| (offer.obstacle(virtualization, need), offer))
@@ -259,7 +262,7 @@ pub fn place(combination: &Combination, need: &Need, offers: &[Offer]) -> Placem
     }
 }
 
-fn no_host(combination: &Combination, offers: &[Offer]) -> Obstacle {
+fn no_host(combination: &Combination, offers: &[HostCapabilities]) -> Obstacle {
     let wanted: Vec<_> = [HARDWARE, OS]
         .iter()
         .filter_map(|axis| Some(format!("{axis} `{}`", combination.value(axis)?)))
@@ -279,7 +282,7 @@ fn no_host(combination: &Combination, offers: &[Offer]) -> Obstacle {
         .map(|offer| format!("{} {} ({})", offer.hardware, offer.os, offer.host))
         .collect();
     // A host that did not answer may be the one that was meant.
-    if let Some(silent) = offers.iter().find_map(Offer::silence) {
+    if let Some(silent) = offers.iter().find_map(HostCapabilities::silence) {
         return Obstacle {
             reason: format!("{reason}; {}", silent.reason),
             fix: silent.fix.clone(),

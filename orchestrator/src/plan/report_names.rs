@@ -15,7 +15,7 @@ pub(super) fn check(
 ) {
     check_figures(places, report, scenarios, found);
     check_family(places, report, scenarios, found);
-    check_control(places, report, scenarios, found);
+    check_baseline(places, report, scenarios, found);
 }
 
 /// The scenarios and windows that are to be drawn.
@@ -32,7 +32,7 @@ pub(crate) fn check_figures(
             found.push(no_scenario(places, PATH, &text, &side.name, "draw", scenarios));
             continue;
         };
-        let windows = scenario.settings.windows;
+        let windows = scenario.settings.all_windows();
         if side.window.is_some_and(|window| window > windows) {
             let message = format!("`{text}` is none of the {windows} windows of `{}`", side.name);
             let span = places.of_item(PATH, &text);
@@ -94,15 +94,15 @@ fn no_scenario(
     .help(propose(name, slugs))
 }
 
-/// The axes and values that make a scenario a control.
-pub(crate) fn check_control(
+/// The axes and values of the baseline scenarios.
+pub(crate) fn check_baseline(
     places: &Places<'_>,
     report: &ReportSettings,
     scenarios: &[PlannedScenario],
     found: &mut Diagnostics,
 ) {
-    for (axis, value) in &report.control {
-        let path = format!("report.control.{axis}");
+    for (axis, value) in &report.baseline {
+        let path = format!("report.baseline.{axis}");
         let with_axis: Vec<_> = scenarios
             .iter()
             .filter_map(|scenario| scenario.axis(axis))
@@ -118,10 +118,14 @@ pub(crate) fn check_control(
             );
         } else if !with_axis.contains(value) {
             let values: BTreeSet<_> = with_axis.iter().map(String::as_str).collect();
-            let message = format!("no scenario has `{axis}: {value}`: there is no experimental control");
+            let message = format!("no scenario has `{axis}: {value}`: the baseline is empty");
             found.push(
-                Diagnostic::warning(places.source, Code::UnknownValue, places.of(&path), message)
-                    .help(format!("Tables IV and V need one; there are {}", list(values))),
+                Diagnostic::warning(places.source, Code::UnknownValue, places.of(&path), message).help(
+                    format!(
+                        "Tables IV and V need a baseline scenario; there are {}",
+                        list(values)
+                    ),
+                ),
             );
         }
     }

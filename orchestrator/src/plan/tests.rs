@@ -530,7 +530,7 @@ fn asked(text: &str) -> Vec<String> {
     let file = MatrixFile::parse("matrix.yaml", text.as_bytes(), None).unwrap();
     let mut facts = this_machine();
     facts.values_mut().for_each(|host| host.providers.clear());
-    let mut questions = questions(&file, &facts);
+    let mut questions = ExpandedMatrix::of(&file, &facts).unwrap().questions();
     let here = questions.remove("local").unwrap_or_default();
     assert!(questions.is_empty(), "{questions:?}");
     let lines = |(name, needs): (String, BTreeSet<Need>)| {
@@ -566,6 +566,17 @@ fn asked(text: &str) -> Vec<String> {
 #[case::nothing_where_the_matrix_is_wrong("matrix: {network.backend: [kernel]}\nworkload: {window: 70s}\n", &[])]
 fn each_need_is_asked_once_of_the_providers_that_are_to_meet_it(#[case] text: &str, #[case] wanted: &[&str]) {
     assert_eq!(asked(text), wanted);
+}
+
+#[test]
+fn a_matrix_that_was_expanded_before_the_providers_were_asked_has_the_same_plan() {
+    let text = "matrix: {virtualization: [native, docker], network.seed: [1, 2]}\nworkload: {window: 200s}\n";
+    let file = MatrixFile::parse("matrix.yaml", text.as_bytes(), None).unwrap();
+    let mut identities = this_machine();
+    identities.values_mut().for_each(|host| host.providers.clear());
+    let expanded = ExpandedMatrix::of(&file, &identities).unwrap();
+    let placed = expanded.plan(&this_machine(), &Selection::default(), Order::Randomised, 1);
+    assert_eq!(placed, planned(text));
 }
 
 #[rstest]

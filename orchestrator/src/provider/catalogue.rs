@@ -4,10 +4,7 @@
 //! `matrix clean` asks, the columns of `matrix doctor`, and which scenarios are simulated. Another program has rows of its
 //! own beside the built-in ones: [`crate::main_with`].
 
-use std::{
-    collections::{BTreeMap, BTreeSet},
-    sync::Arc,
-};
+use std::{collections::BTreeSet, sync::Arc};
 
 use serde_json::{Map, Value};
 
@@ -323,16 +320,13 @@ impl Catalogue {
     ///
     /// # Errors
     /// When it is of other providers, or of another version.
-    pub fn settings_of(self, mut record: Value) -> Result<ProviderSettings, serde_json::Error> {
-        let mut outside = BTreeMap::new();
-        if let Some(sections) = record.as_object_mut() {
-            for kind in self.outside {
-                outside.extend(sections.remove_entry(kind.name));
-            }
-        }
+    pub fn settings_of(self, sections: Map<String, Value>) -> Result<ProviderSettings, serde_json::Error> {
+        let (outside, built_in): (Map<String, Value>, Map<String, Value>) = sections
+            .into_iter()
+            .partition(|(name, _)| self.is_from_outside(name));
         Ok(ProviderSettings {
-            outside,
-            ..serde_json::from_value(record)?
+            outside: outside.into_iter().collect(),
+            ..serde_json::from_value(Value::Object(built_in))?
         })
     }
 

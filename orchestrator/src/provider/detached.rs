@@ -1,4 +1,4 @@
-//! `workload detached` as providers call it, on whichever host: each verb is a program that is started there and answers
+//! `workload detached` as providers call it, on whichever host: each command is a program that is started there and answers
 //! (docs/hosts.md). The main type is [`AgentClient`].
 //!
 //! ```text
@@ -8,26 +8,30 @@
 
 mod clock;
 mod environment;
+mod host_processes;
 pub(crate) mod transfer;
 
 use std::{sync::Arc, time::Duration};
 
 use record::{
+    call::{Detached, Follow, Remove, Root, Which},
     check::CheckRecord,
     detached::{self, Ending, Failure, Listed, Removed, Start, Started, Stopping},
+    quantity::TimeSpan,
     settings::Need,
 };
 use serde::{Serialize, de::DeserializeOwned};
 use tokio::sync::OnceCell;
 
-pub use self::{clock::ClockReading, environment::DetachedEnvironment};
-use super::{Availability, EnvironmentRequest, ProviderError, trial};
+pub(crate) use self::host_processes::DIRECTORY;
+pub use self::{clock::ClockReading, environment::DetachedEnvironment, host_processes::HostProcesses};
+use super::{Availability, EnvironmentRequest, ProviderError, capability_probe};
 use crate::host::{Deployed, Exit, Host, HostError, Program, RunningProgram, output};
 
 /// A call takes milliseconds. Ending a workload that does not want to takes half a minute.
 const CALL: Duration = Duration::from_secs(120);
 /// How long a workload may take to end in order before it is ended by force.
-const TO_END_IN_ORDER: &str = "10s";
+const GRACE: TimeSpan = TimeSpan::from_secs(10);
 
 /// The workload's agent on a host.
 pub struct AgentClient {
@@ -73,12 +77,9 @@ impl AgentClient {
             owner: request.owner(provider),
             settings: request.settings.clone(),
         };
-        self.ask(
-            "starting the workload",
-            Verb::of("start", &request.environment),
-            &json(&start),
-        )
-        .await
+        let environment = &request.environment;
+        let call = |root| Detached::Start(which(root, environment));
+        self.ask("starting the workload", call, &json(&start)).await
     }
 
     /// Whether an environment's workload runs, how it ended, what it said last.
@@ -86,12 +87,8 @@ impl AgentClient {
     /// # Errors
     /// When there is no such environment, or the host cannot be asked.
     pub async fn ending(&self, environment: &str) -> Result<Ending, ProviderError> {
-        self.ask(
-            "asking how the workload ended",
-            Verb::of("ended", environment),
-            b"",
-        )
-        .await
+        let call = |root| Detached::Ended(which(root, environment));
+        self.ask("asking how the workload ended", call, b"").await
     }
 
     /// Asks an environment's workload to end in order.
@@ -99,8 +96,8 @@ impl AgentClient {
     /// # Errors
     /// When there is no such environment, or the host cannot be asked.
     pub async fn stop(&self, environment: &str) -> Result<Stopping, ProviderError> {
-        self.ask("asking the workload to end", Verb::of("stop", environment), b"")
-            .await
+        let call = |root| Detached::Stop(which(root, environment));
+        self.ask("asking the workload to end", call, b"").await
     }
 
     /// Ends an environment's workload and removes all of it. What is gone already is fine.
@@ -108,8 +105,13 @@ impl AgentClient {
     /// # Errors
     /// When the host cannot be asked or refuses.
     pub async fn remove(&self, environment: &str) -> Result<Removed, ProviderError> {
-        let verb = Verb::of("remove", environment).with("--patience", TO_END_IN_ORDER);
-        self.ask("removing the environment", verb, b"").await
+        let call = |root| {
+            Detached::Remove(Remove {
+                which: which(root, environment),
+                grace: GRACE,
+            })
+        };
+        self.ask("removing the environment", call, b"").await
     }
 
     /// All that is on the host, whichever provider made it.
@@ -117,8 +119,7 @@ impl AgentClient {
     /// # Errors
     /// When the host cannot be asked or refuses.
     pub async fn list(&self) -> Result<Listed, ProviderError> {
-        self.ask("listing what is there", Verb::of_host("list"), b"")
-            .await
+        self.ask("listing what is there", Detached::List, b"").await
     }
 
     /// Removes a bridge that [`Self::list`] named. One that is gone already is fine.
@@ -126,8 +127,10 @@ impl AgentClient {
     /// # Errors
     /// When the host cannot be asked or refuses.
     pub async fn remove_bridge(&self, name: &str) -> Result<Removed, ProviderError> {
-        let verb = Verb::of_machine("remove-bridge", name);
-        self.ask("removing a bridge from Open vSwitch", verb, b"").await
+        let call = |_| Detached::RemoveBridge {
+            name: name.to_owned(),
+        };
+        self.ask("removing a bridge from Open vSwitch", call, b"").await
     }
 
     /// What the host is.
@@ -135,8 +138,7 @@ impl AgentClient {
     /// # Errors
     /// When it cannot be asked.
     pub async fn platform(&self) -> Result<detached::Host, ProviderError> {
-        self.ask("asking what the host is", Verb::of_host("platform"), b"")
-            .await
+        self.ask("asking what the host is", Detached::Platform, b"").await
     }
 
     /// Whether the host as it is meets a need, asked of the very binary that would run there.
@@ -145,49 +147,58 @@ impl AgentClient {
     /// When the binary cannot be put there or started, or does not answer in time and as agreed.
     pub async fn check(&self, need: &Need) -> Result<CheckRecord, ProviderError> {
         let file = &self.deployed().await?.program;
-        let program = Program::new(file, trial::arguments(need));
-        let (_, printed) = self.output(trial::ACTION, &program, b"", trial::PATIENCE).await?;
-        trial::answer(&printed)
+        let program = Program::new(file, capability_probe::call(need).arguments());
+        let (_, printed) = self
+            .output(capability_probe::ACTION, &program, b"", capability_probe::TIMEOUT)
+            .await?;
+        capability_probe::answer(&printed)
     }
 
     /// What [`Self::check`] means for a scenario with that need: an answer to
     /// [`survey_need`](super::Provider::survey_need).
     pub async fn survey_need(&self, need: &Need) -> Availability {
         match self.check(need).await {
-            Ok(record) => trial::availability(&record),
+            Ok(record) => capability_probe::availability(&record),
             Err(error) => Availability::prevented_by(error),
         }
     }
 
     /// Passes an environment's lines on from that byte as they come.
     async fn follow(&self, environment: &str, from: u64) -> Result<RunningProgram, ProviderError> {
-        let verb = Verb::of("follow", environment).with("--from", &from.to_string());
-        self.begin(verb).await
+        let call = |root| {
+            Detached::Follow(Follow {
+                which: which(root, environment),
+                from,
+            })
+        };
+        self.begin(call).await
     }
 
     /// Sends an environment's data once it has been told what is there.
     async fn collect(&self, environment: &str) -> Result<RunningProgram, ProviderError> {
-        self.begin(Verb::of("collect", environment)).await
+        self.begin(|root| Detached::Collect(which(root, environment)))
+            .await
     }
 
-    async fn begin(&self, verb: Verb) -> Result<RunningProgram, ProviderError> {
-        Ok(self.host.start(&verb.program(self.deployed().await?)).await?)
+    async fn begin(&self, call: impl FnOnce(Root) -> Detached) -> Result<RunningProgram, ProviderError> {
+        let (_, program) = program(self.deployed().await?, call);
+        Ok(self.host.start(&program).await?)
     }
 
-    /// Calls a verb and reads its answer.
+    /// Calls the agent and reads its answer.
     async fn ask<A: DeserializeOwned>(
         &self,
         action: &'static str,
-        verb: Verb,
+        call: impl FnOnce(Root) -> Detached,
         input: &[u8],
     ) -> Result<A, ProviderError> {
-        let program = verb.program(self.deployed().await?);
+        let (name, program) = program(self.deployed().await?, call);
         let (exit, answer) = self.output(action, &program, input, CALL).await?;
         if !exit.success() {
             return Err(self.refusal(action, &exit));
         }
         serde_json::from_slice(&answer).map_err(|error| ProviderError::Data {
-            what: format!("the answer of `workload detached {}`", verb.name),
+            what: format!("the answer of `workload detached {name}`"),
             reason: error.to_string(),
         })
     }
@@ -197,9 +208,9 @@ impl AgentClient {
         action: &'static str,
         program: &Program,
         input: &[u8],
-        patience: Duration,
+        timeout: Duration,
     ) -> Result<(Exit, Vec<u8>), ProviderError> {
-        output(self.host.as_ref(), program, input, patience)
+        output(self.host.as_ref(), program, input, timeout)
             .await
             .map_err(|error| match error {
                 HostError::TimedOut { after, .. } => ProviderError::TimedOut {
@@ -210,7 +221,7 @@ impl AgentClient {
             })
     }
 
-    /// What a verb that did not end with 0 means.
+    /// What a command that did not end with 0 means.
     fn refusal(&self, action: &'static str, exit: &Exit) -> ProviderError {
         let platform = format!("host `{}`", self.host());
         let action = action.to_owned();
@@ -239,50 +250,18 @@ impl AgentClient {
     }
 }
 
-/// A verb with its options.
-struct Verb {
-    name: &'static str,
-    /// Whether it is about the folder of environments.
-    rooted: bool,
-    arguments: Vec<String>,
+/// A call of the agent on a host, with its name.
+fn program(deployed: &Deployed, call: impl FnOnce(Root) -> Detached) -> (&'static str, Program) {
+    let call = call(Root {
+        root: deployed.environments.clone(),
+    });
+    (call.name(), Program::new(&deployed.program, call.arguments()))
 }
 
-impl Verb {
-    /// Of an environment.
-    fn of(name: &'static str, environment: &str) -> Self {
-        Self::of_host(name).with("--environment", environment)
-    }
-
-    /// Of all that is in the folder of environments.
-    fn of_host(name: &'static str) -> Self {
-        Self {
-            name,
-            rooted: true,
-            arguments: Vec::new(),
-        }
-    }
-
-    /// Of what is the machine's.
-    fn of_machine(name: &'static str, which: &str) -> Self {
-        Self {
-            name,
-            rooted: false,
-            arguments: vec![which.to_owned()],
-        }
-    }
-
-    fn with(mut self, option: &str, value: &str) -> Self {
-        self.arguments.extend([option.to_owned(), value.to_owned()]);
-        self
-    }
-
-    fn program(&self, deployed: &Deployed) -> Program {
-        let root = ["--root".into(), deployed.environments.clone().into_os_string()];
-        let arguments = ["detached".into(), self.name.into()]
-            .into_iter()
-            .chain(root.into_iter().filter(|_| self.rooted))
-            .chain(self.arguments.iter().map(Into::into));
-        Program::new(&deployed.program, arguments)
+fn which(root: Root, environment: &str) -> Which {
+    Which {
+        root,
+        environment: environment.to_owned(),
     }
 }
 

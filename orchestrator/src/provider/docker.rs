@@ -32,7 +32,10 @@ use bollard::{
         StartContainerOptions,
     },
 };
-use record::{run_directory::Resource, settings::Need};
+use record::{
+    run_directory::{Resource, fact},
+    settings::Need,
+};
 use serde_json::{Map, Value, json};
 use tokio::sync::OnceCell;
 
@@ -43,7 +46,9 @@ use self::{
     image::Image,
     labels::Labels,
 };
-use super::{Availability, Environment, EnvironmentRequest, Leftover, Provider, ProviderError, trial};
+use super::{
+    Availability, Environment, EnvironmentRequest, Leftover, Provider, ProviderError, capability_probe,
+};
 use crate::host::{Host, Program};
 
 pub use settings::DockerSettings;
@@ -120,15 +125,15 @@ impl Docker {
     /// What explains a container: its engine, its image, its limits.
     fn facts(&self, engine: &Engine, image: &Image, warnings: &[String]) -> Map<String, Value> {
         let facts = json!({
-            "provider": NAME,
-            "engine_version": engine.version,
+            (fact::PROVIDER): NAME,
+            (fact::ENGINE_VERSION): engine.version,
             "engine_api_version": engine.api_version,
             "engine_kernel": engine.kernel,
-            "engine_parts": engine.parts,
+            (fact::ENGINE_PARTS): engine.parts,
             "image": image.name,
-            "image_id": image.id,
+            (fact::IMAGE_ID): image.id,
             "image_base": image.base.as_ref().map(|(name, id)| json!({"name": name, "id": id})),
-            "workload_sha256": image.workload_sha256,
+            (fact::WORKLOAD_SHA256): image.workload_sha256,
             "limits": self.settings,
             "engine_warnings": warnings,
         });
@@ -229,7 +234,7 @@ impl Provider for Docker {
                 return Ok(None);
             }
             let record = check::check(engine, image, need, &self.settings).await?;
-            Ok(Some(trial::availability(&record)))
+            Ok(Some(capability_probe::availability(&record)))
         };
         asked
             .await

@@ -2,7 +2,7 @@
 
 use std::{os::unix::process::ExitStatusExt as _, process::ExitStatus};
 
-use record::{exit::Exit, progress::Progress};
+use record::{exit::workload::Exit, progress::Progress};
 
 /// How a workload's process ended.
 #[derive(Debug, Clone, PartialEq, Eq)]

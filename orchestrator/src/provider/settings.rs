@@ -6,7 +6,7 @@ use std::collections::BTreeMap;
 
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
-use serde_json::Value;
+use serde_json::{Map, Value};
 
 use super::{docker::DockerSettings, fake::FakeSettings, vagrant::VagrantSettings};
 
@@ -37,15 +37,12 @@ pub struct ProviderSettings {
 }
 
 impl ProviderSettings {
-    /// As a manifest has them.
+    /// As a manifest has them: each section by its provider's name.
     ///
     /// # Errors
     /// When they cannot be written as JSON.
-    pub fn to_record(&self) -> Result<Value, serde_json::Error> {
-        let mut record = serde_json::to_value(self)?;
-        if let Some(sections) = record.as_object_mut() {
-            sections.extend(self.outside.clone());
-        }
-        Ok(record)
+    pub fn to_record(&self) -> Result<Map<String, Value>, serde_json::Error> {
+        let built_in: Map<String, Value> = serde_json::from_value(serde_json::to_value(self)?)?;
+        Ok(built_in.into_iter().chain(self.outside.clone()).collect())
     }
 }

@@ -20,7 +20,7 @@ pub(crate) mod ssh_config;
 use std::sync::Arc;
 
 use async_trait::async_trait;
-use record::run_directory::Resource;
+use record::run_directory::{Resource, fact};
 use serde_json::{Map, Value, json};
 use tokio::sync::OnceCell;
 
@@ -123,16 +123,16 @@ impl Vagrant {
         running: bool,
     ) -> Result<Box<dyn Environment>, ProviderError> {
         let mut facts = Map::<String, Value>::new();
-        facts.insert("provider".to_owned(), json!(self.provider));
+        facts.insert(fact::PROVIDER.to_owned(), json!(self.provider));
         facts.insert(
             "vagrant".to_owned(),
             json!(requirements::version(self.host.as_ref()).await),
         );
         facts.extend(requirements::versions(self.host.as_ref(), &self.kind.requirement).await);
         facts.insert("machine".to_owned(), json!(self.settings));
-        facts.insert("box".to_owned(), json!(entered.machine.made_of().await));
+        facts.insert(fact::BOX.to_owned(), json!(entered.machine.made_of().await));
         facts.insert(
-            "workload_sha256".to_owned(),
+            fact::WORKLOAD_SHA256.to_owned(),
             json!(entered.agent.deployed().await?.sha256),
         );
         let workload = DetachedEnvironment::new(Arc::clone(&entered.agent), request, facts, clock, running);

@@ -8,7 +8,7 @@ use std::{io, path::PathBuf};
 
 use record::{
     layout,
-    run_directory::{NotWhole, Place, RunDirectory, read_window, see_that_window_is_whole},
+    run_directory::{Place, RunDirectory, ensure_window_is_whole, read_window},
     window::{FileRecord, Verdict},
 };
 
@@ -84,7 +84,7 @@ pub fn sort_windows(
         let place = run.window(slug, window);
         // A crash between the move and its line in the journal: the window has its place, this is a second copy.
         if same_window(&folder, &place)
-            && let Ok(record) = see_that_window_is_whole(&place, None)
+            && let Ok(record) = ensure_window_is_whole(&place, window, None)
         {
             keep(&place)?;
             let (verdict, sha256) = (record.verdict, record_sha256(&place)?);
@@ -95,12 +95,11 @@ pub fn sort_windows(
             });
             continue;
         }
-        let verified = match see_that_window_is_whole(&folder, None) {
+        let verified = match ensure_window_is_whole(&folder, window, None) {
             Ok(_) if place.exists() => Err("the run directory has another window of this number".to_owned()),
             Ok(record) => Ok(record.verdict),
-            Err(NotWhole::Broken(reason)) => Err(reason),
-            // Its original stays where it is.
-            Err(NotWhole::Unreadable(source)) => return Err(failed("cannot read", &folder)(source)),
+            // Where that is not known, its original stays where it is.
+            Err(not_whole) => Err(not_whole.known_reason().map_err(failed("cannot read", &folder))?),
         };
         match verified {
             Ok(verdict) => {
@@ -207,7 +206,10 @@ pub(super) fn failed(
 mod tests {
     use std::fs;
 
+    use record::{quantity::TimeSpan, settings::Settings};
+
     use super::*;
+    use crate::provider::fake::window::{FakeWindow, Noise, write};
 
     /// A run directory, and in it a folder with a window that cannot be read.
     fn cut_window() -> (tempfile::TempDir, RunDirectory, Place) {
@@ -223,9 +225,41 @@ mod tests {
     fn a_window_without_its_record_is_kept_aside_and_its_place_stays_free() {
         let (_folder, run, from) = cut_window();
         let sorted = sort_windows(&run, "s", "e-1", &[1, 2], &from).unwrap();
-        assert!(matches!(&sorted[..], [Sorted::Broken { window: 1, reason }] if reason.contains("cut")));
+        assert!(
+            matches!(&sorted[..], [Sorted::Broken { window: 1, reason }] if reason.contains("never finished"))
+        );
         assert!(!run.window("s", 1).exists());
         assert!(run.broken("s", "e-1").join("window-1/control.csv").exists());
+    }
+
+    #[test]
+    fn a_window_in_the_folder_of_another_is_kept_aside() {
+        let (_folder, run, from) = cut_window();
+        let settings = Settings {
+            window: TimeSpan::from_secs(10),
+            period: TimeSpan::from_secs(10),
+            ..Settings::default()
+        };
+        let first = FakeWindow {
+            environment: "e-1",
+            settings: &settings,
+            window: 1,
+            before: 0,
+            steps: settings.steps_per_window(),
+            noise: Noise {
+                seed: 1,
+                scenario: "s",
+                mean_m: 0.0,
+                deviation_m: 0.0,
+            },
+        };
+        from.join("window-2").make_folder().unwrap();
+        write(&first, &from.join("window-2").path(), true).unwrap();
+        let sorted = sort_windows(&run, "s", "e-1", &[2], &from).unwrap();
+        assert!(
+            matches!(&sorted[..], [Sorted::Broken { window: 2, reason }] if reason.contains("that of window 1"))
+        );
+        assert!(!run.window("s", 2).exists());
     }
 
     #[test]

@@ -101,7 +101,7 @@ impl Write for Counting {
 mod tests {
     use std::fs;
 
-    use record::{run_directory::see_that_window_is_whole, settings::Settings, window::WindowRecord};
+    use record::{run_directory::ensure_window_is_whole, settings::Settings, window::WindowRecord};
 
     use super::*;
     use crate::provider::fake::window::{FakeWindow, Noise, write};
@@ -134,7 +134,7 @@ mod tests {
         let (before, plain) = (read(), fs::read(folder.path().join("sta1.pcap")).unwrap());
         let place = Place::root(folder.path());
         compress_captures(&place).unwrap();
-        see_that_window_is_whole(&place, None).unwrap();
+        ensure_window_is_whole(&place, 1, None).unwrap();
         assert!(!folder.path().join("sta1.pcap").exists());
         let packed = fs::read(folder.path().join("sta1.pcap.zst")).unwrap();
         assert_eq!(zstd::decode_all(&*packed).unwrap(), plain);
@@ -144,6 +144,6 @@ mod tests {
         assert_eq!(before.files, measured);
         // Once more changes nothing.
         compress_captures(&place).unwrap();
-        see_that_window_is_whole(&place, None).unwrap();
+        ensure_window_is_whole(&place, 1, None).unwrap();
     }
 }

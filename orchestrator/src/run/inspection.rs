@@ -5,14 +5,13 @@
 //! is not whole any more is kept aside and measured again, or collected again where its environment still is. Nothing is
 //! mended and nothing is thrown away.
 
-use record::run_directory::{Event, NotWhole, RunDirectory, read_window, see_that_window_is_whole};
+use std::ops::RangeInclusive;
 
-use super::{
-    collection::{CollectionError, failed, keep, put_aside, record_sha256},
-    state::ScenarioState,
-};
+use record::run_directory::{Event, RunDirectory, ScenarioState, ensure_window_is_whole, read_window};
 
-/// What the journal has to be told of one scenario's windows, done already where something had to be put aside.
+use super::collection::{CollectionError, failed, keep, put_aside, record_sha256};
+
+/// What the journal has to be told of some of a scenario's windows, done already where something had to be put aside.
 ///
 /// # Errors
 /// When a window cannot be read, so that nobody knows, or a broken one not be put aside.
@@ -20,11 +19,11 @@ pub fn inspect(
     directory: &RunDirectory,
     run: &str,
     slug: &str,
-    windows: u32,
+    windows: RangeInclusive<u32>,
     state: &ScenarioState,
 ) -> Result<Vec<Event>, CollectionError> {
     let mut events = Vec::new();
-    for window in 1..=windows {
+    for window in windows {
         let place = directory.window(slug, window);
         let known = state.collected.get(&window);
         let is_there = place.kind().map_err(failed("cannot look for", &place))?;
@@ -37,26 +36,19 @@ pub fn inspect(
             }));
             continue;
         }
-        let record = read_window(&place, None).ok();
         let known_environment = known.map(|known| &known.environment);
         let known_sha256 = known.and_then(|known| known.sha256.as_deref());
-        let environment = record.as_ref().map(|record| record.environment.clone());
-        let verified = match &record {
-            Some(record) if record.window != window => Err(format!("it is window {}", record.window)),
-            // What the journal knows is believed, whatever its environment is called.
-            Some(record)
-                if known_environment != environment.as_ref() && !is_of(run, slug, &record.environment) =>
-            {
-                Err(format!(
-                    "it is of the environment {}, which this scenario never had",
-                    record.environment
-                ))
-            }
-            _ => match see_that_window_is_whole(&place, known_sha256) {
-                Ok(record) => Ok(record.verdict),
-                Err(NotWhole::Broken(reason)) => Err(reason),
-                Err(NotWhole::Unreadable(source)) => return Err(failed("cannot read", &place)(source)),
-            },
+        let environment = read_window(&place, None).ok().map(|record| record.environment);
+        // What the journal knows is believed, whatever its environment is called.
+        let foreign = environment
+            .as_ref()
+            .filter(|environment| known_environment != Some(*environment) && !is_of(run, slug, environment));
+        let verified = match (foreign, ensure_window_is_whole(&place, window, known_sha256)) {
+            (Some(environment), _) => Err(format!(
+                "it is of the environment {environment}, which this scenario never had"
+            )),
+            (None, Ok(record)) => Ok(record.verdict),
+            (None, Err(not_whole)) => Err(not_whole.known_reason().map_err(failed("cannot read", &place))?),
         };
         match (verified, known) {
             (Ok(_), Some(_)) => {}

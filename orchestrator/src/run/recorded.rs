@@ -8,15 +8,16 @@ use std::{
     sync::Arc,
 };
 
-use record::run_directory::{Event, Manifest, Place, PlanRecord, ReadError, RunDirectory, RunRecords};
-use serde::{Deserialize as _, Serialize};
+use record::{
+    connection::Connection,
+    run_directory::{Manifest, Place, PlanRecord, ReadError, RunDirectory, RunRecords, RunState},
+};
+use serde::Serialize;
 
-use super::state::RunState;
 use crate::{
     escaping,
     host::{self, Host},
-    matrix_file::Connection,
-    provider::{Catalogue, Roster},
+    provider::{Catalogue, Providers},
     state_directory::StateDirectory,
 };
 
@@ -67,9 +68,17 @@ pub enum RecordedRunError {
         /// The run's name.
         run: String,
     },
-    /// Its providers or hosts are written as no version up to this one writes them.
+    /// The settings of its providers are as no version up to this one writes them.
     #[error(transparent)]
     OtherVersion(#[from] serde_json::Error),
+    /// One of its hosts is reached as no version up to this one reaches hosts.
+    #[error("this version of matrix does not know how run {run} reached the host {host}")]
+    UnknownConnection {
+        /// The run's name.
+        run: String,
+        /// The host's name.
+        host: String,
+    },
     /// Its run directory cannot be made.
     #[error("cannot {action} {}", path.display())]
     Create {
@@ -101,7 +110,9 @@ impl RecordedRunError {
             Self::Redacted { .. } => {
                 "it says of no host how it is reached: go on with the run that it was made of".to_owned()
             }
-            Self::OtherVersion(_) => "manifest.json is of another version of matrix".to_owned(),
+            Self::OtherVersion(_) | Self::UnknownConnection { .. } => {
+                "manifest.json is of another version of matrix".to_owned()
+            }
             Self::Create { .. } => "give another folder with `--out`".to_owned(),
         }
     }
@@ -127,11 +138,10 @@ impl RecordedRun {
     /// When it is missing, half-written or of a future format.
     pub fn read(directory: &RunDirectory) -> Result<Self, RecordedRunError> {
         let records = RunRecords::read(directory)?;
-        let state = RunState::replay(&records.journal.entries);
         Ok(Self {
             manifest: records.manifest,
             plan: records.plan,
-            state,
+            state: records.state,
         })
     }
 
@@ -140,15 +150,11 @@ impl RecordedRun {
     #[must_use]
     pub fn state_in(&self, directory: &RunDirectory) -> RunState {
         let mut state = self.state.clone();
-        for (slug, scenario) in &self.state.scenarios {
-            for (window, collected) in &scenario.collected {
-                if !directory.window(slug, *window).is_folder() {
-                    state.apply(&Event::WindowBroken {
-                        scenario: slug.clone(),
-                        environment: collected.environment.clone(),
-                        window: *window,
-                        reason: String::new(),
-                    });
+        for (slug, scenario) in &mut state.scenarios {
+            let collected: Vec<u32> = scenario.collected.keys().copied().collect();
+            for window in collected {
+                if !directory.window(slug, window).is_folder() {
+                    scenario.lose(window);
                 }
             }
         }
@@ -168,7 +174,7 @@ impl RecordedRun {
             .state
             .scenarios
             .values()
-            .all(|scenario| scenario.open.is_none())
+            .all(|scenario| scenario.open().next().is_none())
         {
             return Ok(());
         }
@@ -184,14 +190,14 @@ impl RecordedRun {
     ///
     /// # Errors
     /// When their settings cannot be understood, or the run is a redacted copy.
-    pub fn roster(&self, catalogue: Catalogue) -> Result<Roster, RecordedRunError> {
+    pub fn providers(&self, catalogue: Catalogue) -> Result<Providers, RecordedRunError> {
         if self.manifest.redacted {
             return Err(RecordedRunError::Redacted {
                 run: self.manifest.run.clone(),
             });
         }
         let settings = catalogue.settings_of(self.manifest.providers.clone())?;
-        Ok(Roster::new(catalogue, settings, self.hosts()?))
+        Ok(Providers::new(catalogue, settings, self.hosts()?))
     }
 
     /// The hosts that its scenarios were planned on.
@@ -203,17 +209,20 @@ impl RecordedRun {
             .iter()
             .filter_map(|it| it.host.as_deref())
             .collect();
-        let host = |name| {
+        let host = |name: &str| {
             let recorded = self.manifest.hosts.iter().find(|it| it.name == name);
             let connection = match recorded {
-                Some(recorded) => Connection::deserialize(&recorded.connect)?,
+                Some(recorded) => recorded.connect.known(),
                 // Earlier versions knew one machine.
-                None => Connection::Local,
+                None => Some(&Connection::Local),
             };
-            Ok(host::of(name, &connection, &state))
+            let connection = connection.ok_or_else(|| RecordedRunError::UnknownConnection {
+                run: self.manifest.run.clone(),
+                host: name.to_owned(),
+            })?;
+            Ok(host::of(name, connection, &state))
         };
-        let hosts: Result<_, serde_json::Error> = names.into_iter().map(host).collect();
-        Ok(hosts?)
+        names.into_iter().map(host).collect()
     }
 
     /// Makes a new run directory with manifest and plan on disk. Fails if there is anything at that place.

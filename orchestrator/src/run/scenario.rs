@@ -1,11 +1,11 @@
-//! One scenario: take up what an earlier process left, measure what is still wanted, collect it, discard the
+//! One scenario in one round: take up what an earlier process left, measure what is still wanted, collect it, discard the
 //! environment, say how it ended.
 //!
 //! A machine that fails is not an experiment that fails: what a provider says ends as *errored*, what the workload says
 //! of the experiment as *failed*. Data is never discarded before it was collected: when collecting fails, the
 //! environment stays for `matrix resume`.
 
-use std::{collections::BTreeSet, io, path::PathBuf, sync::Arc, time::Duration};
+use std::{collections::BTreeSet, io, ops::RangeInclusive, path::PathBuf, sync::Arc, time::Duration};
 
 use record::{
     axis::{HARDWARE, OS},
@@ -28,6 +28,7 @@ use super::{
     Run, RunError,
     collection::{self, CollectionError, Sorted},
     silence::{self, Silence, Step},
+    unit::Unit,
 };
 use crate::{
     disk_space, escaping,
@@ -79,7 +80,7 @@ pub(super) enum ScenarioError {
     #[error("the workload said {lines} different things, more than any does")]
     SaysTooMuch { lines: usize },
     #[error(
-        "windows {} were measured, and are not in what the environment gave out",
+        "the environment did not give out every measured window; missing: {}",
         numbers(windows)
     )]
     NotGivenOut { windows: Vec<u32> },
@@ -173,27 +174,35 @@ fn most_lines(request: &EnvironmentRequest) -> usize {
     100 + 4 * request.windows.len()
 }
 
+/// All windows of the round that an environment is of, whether or not it is to measure them.
+fn windows_of(request: &EnvironmentRequest) -> RangeInclusive<u32> {
+    let settings = &request.settings;
+    let round = request
+        .windows
+        .first()
+        .map_or(1, |first| settings.round_of(*first));
+    settings.windows_of_round(round)
+}
+
 /// What a file of JSON says, if it is there and says it: facts that are missing must not cost any windows.
 fn read_json<T: DeserializeOwned>(place: &Place) -> Option<T> {
     serde_json::from_slice(&place.read(WindowRecord::MOST_BYTES).ok()?).ok()
 }
 
 impl Run<'_> {
-    /// Does what is left to do of one scenario.
+    /// Does what is left to do of one scenario in one round.
     ///
     /// # Errors
     /// Only when the journal cannot be written; everything else is an outcome.
-    pub(super) async fn scenario(
-        &self,
-        planned: &PlannedScenario,
-        lease: &mut Option<HostLease>,
-    ) -> Result<(), RunError> {
-        let wanted = self.wanted(planned);
+    pub(super) async fn unit(&self, unit: Unit<'_>, lease: &mut Option<HostLease>) -> Result<(), RunError> {
+        let Unit { planned, round } = unit;
+        let wanted = self.wanted(unit);
         self.events.emit(Event::ScenarioStarted {
             scenario: planned.slug.clone(),
             windows: wanted,
+            round: planned.round(round),
         })?;
-        let ending = match self.leased_attempts(planned, lease).await {
+        let ending = match self.leased_attempts(unit, lease).await {
             Ok(ending) => ending,
             Err(ScenarioError::Journal(error)) => return Err(error.into()),
             Err(trouble @ ScenarioError::StandsStill { .. }) if self.stop.is_requested() => Ending {
@@ -207,32 +216,32 @@ impl Run<'_> {
             outcome: ending.outcome,
             reason: ending.reason,
             hint: ending.hint,
+            round: planned.round(round),
         })?)
     }
 
-    fn wanted(&self, planned: &PlannedScenario) -> Vec<u32> {
-        self.events
-            .scenario(&planned.slug)
-            .wanted(planned.settings.windows)
+    fn wanted(&self, unit: Unit<'_>) -> Vec<u32> {
+        self.events.scenario(&unit.planned.slug).wanted(unit.windows())
     }
 
     async fn leased_attempts(
         &self,
-        planned: &PlannedScenario,
+        unit: Unit<'_>,
         lease: &mut Option<HostLease>,
     ) -> Result<Ending, ScenarioError> {
-        match self.has_lease(planned, lease).await? {
-            true => self.attempts(planned).await,
+        match self.has_lease(unit.planned, lease).await? {
+            true => self.attempts(unit).await,
             false => Ok(Ending::of(Outcome::Interrupted, None, None)),
         }
     }
 
     /// The environment that is still there, if any, then a new one for what is still wanted.
-    async fn attempts(&self, planned: &PlannedScenario) -> Result<Ending, ScenarioError> {
-        self.refuse_beside_another(planned).await?;
+    async fn attempts(&self, unit: Unit<'_>) -> Result<Ending, ScenarioError> {
+        let Unit { planned, round } = unit;
+        self.refuse_beside_another(unit).await?;
         let provider = self.fleet.provider(planned)?;
         let mut taken_up = false;
-        if let Some(open) = self.events.scenario(&planned.slug).open {
+        if let Some(open) = self.events.scenario(&planned.slug).round(round).open {
             let request = self.request(planned, open.environment, open.windows);
             if open.discarding {
                 self.remove_remains(provider.as_ref(), &request).await?;
@@ -246,9 +255,9 @@ impl Run<'_> {
         // Of one that was taken up all that is there was read when it was collected.
         if !taken_up {
             let _nothing_is_measured_here = self.this_machine.read().await;
-            self.inspect(&planned.slug, planned.settings.windows).await?;
+            self.inspect(&planned.slug, unit.windows()).await?;
         }
-        let windows = self.wanted(planned);
+        let windows = self.wanted(unit);
         if windows.is_empty() {
             return Ok(Ending::of(Outcome::Completed, None, None));
         }
@@ -265,6 +274,7 @@ impl Run<'_> {
             provider: provider.name().to_owned(),
             windows: request.windows.clone(),
             resources: provider.resources(&request),
+            round: planned.round(round),
         })?;
         let quiet = self.quiet(&request.host).await?;
         match provider.create(&request).await {
@@ -294,9 +304,11 @@ impl Run<'_> {
 
     /// The lease says that no other `matrix` works here; a workload whose `matrix` was killed may still measure, and
     /// two windows on one host disturb each other.
-    async fn refuse_beside_another(&self, planned: &PlannedScenario) -> Result<(), ScenarioError> {
+    async fn refuse_beside_another(&self, unit: Unit<'_>) -> Result<(), ScenarioError> {
+        let planned = unit.planned;
         let state = self.events.state();
-        let own = state.scenario(&planned.slug).open.map(|open| open.environment);
+        let open = state.scenario(&planned.slug).round(unit.round).open;
+        let own = open.map(|open| open.environment);
         // Nothing is measured in a machine that was kept.
         let kept: BTreeSet<_> = state.scenarios.values().flat_map(|it| &it.kept).collect();
         let mut asked = Vec::new();
@@ -456,7 +468,7 @@ impl Run<'_> {
     /// How an environment ended whose data was collected.
     fn ending(&self, last: Option<Progress>, ended: &Ended, request: &EnvironmentRequest) -> Ending {
         let state = self.events.scenario(&request.scenario);
-        if state.wanted(request.settings.windows).is_empty() {
+        if state.wanted(windows_of(request)).is_empty() {
             return Ending::of(Outcome::Completed, None, None);
         }
         match last {
@@ -591,7 +603,7 @@ impl Run<'_> {
         environment.collect(&folder.path()).await?;
         self.keep_platform(provider, environment, request, &folder)?;
         // What was collected before is looked at once more: the originals are here, and go afterwards.
-        self.inspect(&request.scenario, request.settings.windows).await?;
+        self.inspect(&request.scenario, windows_of(request)).await?;
         let state = self.events.scenario(&request.scenario);
         let windows: Vec<u32> = request
             .windows

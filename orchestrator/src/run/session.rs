@@ -1,28 +1,27 @@
-//! What `matrix run` and `matrix resume` have in common: the run's locks, its place in the register, its execution. The main
+//! What `matrix run` and `matrix resume` have in common: the run's locks, its place in the index of runs, its execution. The main
 //! function is [`carry_out`].
 
 use std::{io, path::PathBuf};
 
-use record::run_directory::{Manifest, PlanRecord, RunDirectory};
+use record::run_directory::{Manifest, PlanRecord, RunDirectory, RunState};
 use tokio::sync::RwLock;
 
 use super::{
     Run, RunError,
     keep::Keep,
-    register::{self, AtWork, Entry},
-    state::RunState,
+    run_index::{self, AtWork, Entry},
     stop::Stop,
 };
 use crate::{
     journal::Journal,
     lease::{self, Holder, Lease, LeaseError},
     observer::{Events, Observer},
-    provider::Roster,
+    provider::Providers,
     state_directory::{self, StateDirectory},
 };
 
 /// How a run is to be carried out.
-pub struct Wishes {
+pub struct Options {
     /// Whether it goes on with an earlier start.
     pub resumed: bool,
     /// Which environments stay.
@@ -85,7 +84,7 @@ pub fn lock(directory: &RunDirectory, run: &str) -> Result<Locked, LockError> {
         .map_err(LockError::Directory)?
         .granted()
         .map_err(held)?;
-    let by_name = register::take(&StateDirectory::of_this_user(), &holder, run)
+    let by_name = run_index::take(&StateDirectory::of_this_user(), &holder, run)
         .map_err(LockError::State)?
         .map_err(held)?;
     Ok(Locked {
@@ -124,9 +123,9 @@ pub async fn carry_out(
     directory: &RunDirectory,
     manifest: &Manifest,
     plan: &PlanRecord,
-    roster: &Roster,
+    providers: &Providers,
     state: RunState,
-    wishes: Wishes,
+    options: Options,
 ) -> Result<RunState, SessionError> {
     let journal = Journal::open(&directory.journal()).map_err(RunError::from)?;
     // Before anything is created there.
@@ -139,12 +138,12 @@ pub async fn carry_out(
         name: manifest.run.clone(),
         directory: directory.clone(),
         plan,
-        events: Events::new(journal, state, wishes.observers),
-        fleet: roster,
-        stop: wishes.stop,
-        keep: wishes.keep,
+        events: Events::new(journal, state, options.observers),
+        fleet: providers,
+        stop: options.stop,
+        keep: options.keep,
         this_machine: RwLock::default(),
     };
-    run.execute(wishes.resumed).await?;
+    run.execute(options.resumed).await?;
     Ok(run.events.state())
 }

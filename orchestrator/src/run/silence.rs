@@ -29,7 +29,7 @@ pub struct Silence {
     /// After which silence somebody is told next.
     next: Duration,
     /// After which silence nothing is expected any more.
-    patience: Duration,
+    timeout: Duration,
 }
 
 impl Silence {
@@ -39,7 +39,7 @@ impl Silence {
         Self {
             heard: now,
             next: TOLD_AFTER,
-            patience: backoff::IN_ALL,
+            timeout: backoff::IN_ALL,
         }
     }
 
@@ -60,19 +60,19 @@ impl Silence {
 
     /// It is asked to stop, and has less time from now on.
     pub fn stop_was_asked(&mut self, now: Instant) {
-        self.patience = self.lasted(now) + STOPS_WITHIN;
+        self.timeout = self.lasted(now) + STOPS_WITHIN;
     }
 
     /// When there is something to do if nothing is heard until then.
     #[must_use]
     pub fn due(&self) -> Instant {
-        self.heard + self.next.min(self.patience)
+        self.heard + self.next.min(self.timeout)
     }
 
     /// What there is to do then.
     pub fn go_on(&mut self, now: Instant) -> Step {
         let lasted = self.lasted(now);
-        if lasted >= self.patience {
+        if lasted >= self.timeout {
             return Step::GiveUp(lasted);
         }
         self.next *= 2;

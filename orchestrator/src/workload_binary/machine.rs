@@ -12,7 +12,9 @@ use std::{
     str::FromStr,
 };
 
-use super::{MACHINE, bytes, hash_of};
+use record::platform::MACHINE;
+
+use super::{bytes, hash_of};
 
 /// A kind of machine that runs Linux programs of its own.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -59,6 +61,7 @@ impl Machine {
     /// # Errors
     /// When there is none, or what is there is not a program for this machine.
     pub fn workload(self) -> Result<Cow<'static, [u8]>, NoWorkload> {
+        // The carried binary is built for the same machine as this program.
         if self.name() == MACHINE {
             return Ok(Cow::Borrowed(bytes()));
         }

@@ -11,7 +11,7 @@ pub use frame::{Comparisons, compare, tallies};
 
 use record::report_settings::Method;
 
-use crate::analysis::sample::Sample;
+use crate::analysis::{pairs::OfPair, sample::Sample};
 
 /// How many comparisons are listed: those of a thousand windows, in some 200 MB. Of more the counts are kept.
 pub const LISTED: usize = 500_000;
@@ -33,7 +33,7 @@ pub struct Comparison<'a> {
     pub rejected: bool,
 }
 
-/// What [`crate::statistics::ks::KsTest`] found, as far as it is listed.
+/// What [`statistics::ks::KsTest`] found, as far as it is listed.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct TestResult {
     /// Size of the first sample.
@@ -71,6 +71,12 @@ pub struct Tally {
     pub rejected: usize,
     /// Those of them whose p-value is not of the method that was asked for, since the samples are large.
     pub in_the_limit: usize,
+}
+
+impl OfPair for Tally {
+    fn letters(&self) -> (&str, &str) {
+        (&self.a, &self.b)
+    }
 }
 
 /// The values of one window, whatever they are of.

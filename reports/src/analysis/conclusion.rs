@@ -1,5 +1,5 @@
 //! What the paper concludes, as tests: that Docker differs from VirtualBox, and OSX from Ubuntu. Two values of an axis are
-//! compared over all platforms that have both: within each stratum the windows are dealt anew to the two values, and all strata
+//! compared over all platforms that have both: within each stratum the windows are permuted between the two values, and all strata
 //! together give one p-value and one shift. The main type is [`Conclusion`].
 //!
 //! The statistic is the weighted mean over strata of the differences of the mean window levels,
@@ -16,15 +16,13 @@
 
 use record::axis::{HARDWARE, OS, VIRTUALIZATION};
 use serde::Serialize;
-
-use crate::{
-    analysis::{sample::Sample, scenario::ScenarioReport, setup::Unlike},
-    statistics::{
-        effect::{self, CONFIDENCE, Estimate, Interval},
-        multiplicity::holm,
-        relabelling::{Coverage, Effort, PermutationTest, Relabellings, labellings},
-    },
+use statistics::{
+    effect::{self, CONFIDENCE, Estimate, Interval},
+    multiplicity::holm,
+    relabelling::{Coverage, Effort, PermutationTest, Relabellings, labellings},
 };
+
+use crate::analysis::{sample::Sample, scenario::ScenarioReport, setup::SetupDifference};
 
 /// Two values of an axis, compared within strata.
 #[derive(Debug, Clone, PartialEq)]
@@ -80,7 +78,7 @@ struct Levels {
 pub fn conclusions(
     scenarios: &[ScenarioReport],
     samples: &[Sample],
-    unlike: &[Unlike],
+    unlike: &[SetupDifference],
     seed: u64,
 ) -> Vec<Conclusion> {
     let with_data: Vec<(&ScenarioReport, Vec<f64>)> = scenarios
@@ -126,7 +124,7 @@ impl Conclusion {
         axis: &'static str,
         [first, second]: [&str; 2],
         scenarios: &[(&ScenarioReport, Vec<f64>)],
-        unlike: &[Unlike],
+        unlike: &[SetupDifference],
         seed: u64,
     ) -> Option<Self> {
         let strata = |free: &[&str]| strata(axis, [first, second], free, scenarios, unlike);
@@ -157,7 +155,7 @@ fn strata(
     values: [&str; 2],
     free: &[&str],
     scenarios: &[(&ScenarioReport, Vec<f64>)],
-    unlike: &[Unlike],
+    unlike: &[SetupDifference],
 ) -> Vec<Levels> {
     let fixed = |scenario: &ScenarioReport| -> String {
         let others = scenario
@@ -331,7 +329,7 @@ mod tests {
         assert!((left - right).abs() < 1e-8, "{left} {right}");
     }
 
-    // Expected: reports/tests/data/strata.py, by enumeration of all 700 labellings and a search for the limits.
+    // Expected: reports/statistics/tests/data/strata.py, by enumeration of all 700 labellings and a search for the limits.
     #[test]
     fn two_strata_are_one_test_and_its_interval_is_what_it_does_not_reject() {
         let strata = [
@@ -358,7 +356,7 @@ mod tests {
     fn one_stratum_is_the_test_of_two_scenarios() {
         let (a, b) = ([0.236, 0.241, 0.239, 0.240], [0.238, 0.2405, 0.2425, 0.244]);
         let (test, _) = stratified(&[stratum("", &a, &b)], EFFORT).unwrap();
-        let own = crate::statistics::permutation::mean_difference(&a, &b, EFFORT).unwrap();
+        let own = statistics::permutation::mean_difference(&a, &b, EFFORT).unwrap();
         close(test.p, own.p);
         let even = [stratum("", &a, &b).stratum];
         assert_eq!(smallest_p(&even, &test), 2.0 / 70.0);

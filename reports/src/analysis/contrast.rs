@@ -3,18 +3,18 @@
 //! [`Contrasts`].
 
 use record::{family::Family, quantity::Length, report_settings::ReportSettings};
-
-use crate::{
-    analysis::sample::Sample,
-    statistics::{
-        block_permutation::BlockCount,
-        effect::{self, Effect, Interval},
-        multiplicity::{benjamini_yekutieli, holm},
-        permutation::{self, MaxT},
-        relabelling::{Effort, PermutationTest},
-        shape::ShapeTests,
-    },
+use statistics::{
+    block_permutation::BlockCount,
+    effect::{self, Effect, Interval},
+    mean_shift::MeanShift,
+    multiplicity::{benjamini_yekutieli, holm},
+    permutation::{self, MaxT},
+    relabelling::{Effort, PermutationTest},
+    serial::SerialDependence,
+    shape::ShapeTests,
 };
+
+use crate::analysis::sample::Sample;
 
 /// A declared family of pairs, compared.
 #[derive(Debug, Clone, PartialEq)]
@@ -25,8 +25,10 @@ pub struct Contrasts {
     pub pairs: Vec<Contrast>,
     /// Letters of the pairs without.
     pub without_data: Vec<(String, String)>,
-    /// How the family's labels were dealt anew; none without a pair.
+    /// How the family's windows were dealt; none without a pair.
     pub max_t: Option<MaxT>,
+    /// How the windows of a scenario depend on their neighbours in time; none where no scenario has three.
+    pub serial: Option<SerialDependence>,
 }
 
 /// One pair.
@@ -47,8 +49,16 @@ pub struct Contrast {
     /// The count of rejected window pairs with blocks of neighbours in place of values; none for more pairs than are
     /// looked at.
     pub blocks: Option<BlockCount>,
+    /// p of equal mean levels, whatever the spreads: the larger one of the studentised permutation test's and Welch's. None where
+    /// a scenario has a single window.
+    pub p_shift: Option<f64>,
+    /// The same, adjusted by Holm's method.
+    pub p_shift_holm: Option<f64>,
     /// How large the difference is, from the first to the second.
     pub effect: Effect,
+    /// The shifts of the mean level that are not rejected, m: an interval that holds for all pairs of the family at once, with
+    /// [`Contrasts::simultaneous_confidence`] in each. None where so few windows cannot have it.
+    pub simultaneous_m: Option<Interval>,
     /// p adjusted by Holm's method.
     pub p_holm: f64,
     /// p adjusted by Benjamini and Yekutieli's method.
@@ -59,43 +69,55 @@ pub struct Contrast {
     pub verdict: Verdict,
 }
 
-/// What may be said of a pair at the level α and with the shift that matters.
+/// What may be said of a pair at the level α and with the equivalence margin.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Verdict {
-    /// So few windows in so large a family cannot reach α, whatever they are.
+    /// So few windows in such a family cannot reach α, whatever they are.
     CannotTell,
     /// α could have been reached, and was not. Not the same as no difference.
     NotToldApart,
-    /// The shift's interval lies within what does not matter, whatever p is.
+    /// The simultaneous interval of the shift lies within the equivalence margin, whatever p is.
     Immaterial,
-    /// They differ; no shift that matters was declared.
+    /// Their mean levels differ; no equivalence margin was declared.
     Differ,
-    /// They differ, and the whole interval lies beyond what matters.
+    /// Their levels differ, and the whole simultaneous interval of the shift lies beyond the margin.
     DifferMaterially,
-    /// They differ, and it is open whether by as much as matters.
+    /// Their mean levels differ, and it is open whether by as much as the margin.
     DifferByUnknown,
+    /// Their levels differ, and it is open whether in the mean or in how they spread.
+    DifferLevelOpen,
+}
+
+/// What a verdict is made of.
+#[derive(Debug, Clone, Copy)]
+struct Evidence {
+    /// Of equal distributions, by Holm's method.
+    p_holm: f64,
+    /// The smallest that it can be with these numbers of windows in the family.
+    smallest_p_holm: f64,
+    /// Of equal means, by Holm's method; none where it cannot be tested.
+    p_shift_holm: Option<f64>,
+    /// An interval of the shift that holds for all pairs at once, m.
+    simultaneous_m: Option<Interval>,
 }
 
 impl Verdict {
-    /// It is by Holm's p, which needs nothing of the other scenarios.
-    fn of(
-        p_holm: f64,
-        smallest_p_holm: f64,
-        shift: Option<Interval>,
-        alpha: f64,
-        matters: Option<Length>,
-    ) -> Self {
-        let limit = matters.map(Length::metres);
-        let within = |limit: f64| {
-            shift.is_some_and(|i| i.confidence >= effect::CONFIDENCE && i.low > -limit && i.high < limit)
-        };
-        let beyond = |limit: f64| shift.is_some_and(|i| i.low > limit || i.high < -limit);
+    /// Statements that two scenarios differ are by Holm's p, and those on the margin by the simultaneous interval: in a family with
+    /// any number of pairs the chance of an untrue statement of either kind is at most α.
+    fn of(evidence: &Evidence, alpha: f64, equivalence_margin: Option<Length>) -> Self {
+        let limit = equivalence_margin.map(Length::metres);
+        let interval = evidence.simultaneous_m;
+        let within = |limit: f64| interval.is_some_and(|i| i.low > -limit && i.high < limit);
+        let beyond = |limit: f64| interval.is_some_and(|i| i.low > limit || i.high < -limit);
+        let differ = evidence.p_holm < alpha;
+        let in_the_mean = evidence.p_shift_holm.is_some_and(|p| p < alpha);
         match limit {
             Some(limit) if within(limit) => Self::Immaterial,
-            Some(limit) if p_holm < alpha && beyond(limit) => Self::DifferMaterially,
-            Some(_) if p_holm < alpha => Self::DifferByUnknown,
-            None if p_holm < alpha => Self::Differ,
-            _ if smallest_p_holm >= alpha => Self::CannotTell,
+            Some(limit) if differ && beyond(limit) => Self::DifferMaterially,
+            _ if differ && !in_the_mean => Self::DifferLevelOpen,
+            Some(_) if differ => Self::DifferByUnknown,
+            None if differ => Self::Differ,
+            _ if evidence.smallest_p_holm >= alpha => Self::CannotTell,
             _ => Self::NotToldApart,
         }
     }
@@ -110,15 +132,18 @@ impl Verdict {
             Self::Differ => "differ",
             Self::DifferMaterially => "differ, matters",
             Self::DifferByUnknown => "differ, size open",
+            Self::DifferLevelOpen => "differ, level open",
         }
     }
 }
 
 /// Resamples and relabellings of all pairs together are bounded: some seconds.
 const LABELLINGS: u64 = 100_000_000;
+/// The same of the tests of shifts, each of which is looked for some hundred times.
+const SHIFT_LABELLINGS: u64 = 20_000_000;
 /// The same of the tests that walk along all values, in values.
 const VALUES_WALKED: u64 = 1_000_000_000;
-/// Window pairs up to which blocks are dealt anew.
+/// Window pairs up to which blocks are permuted.
 const MOST_BLOCK_PAIRS: usize = 2_000;
 
 impl Contrasts {
@@ -148,12 +173,20 @@ impl Contrasts {
             }
         }
         let max_t = max_t(&scenarios, &tested, work.effort);
+        let levels: Vec<&[f64]> = scenarios.iter().map(|it| it.levels.as_slice()).collect();
         Self {
             family: settings.family.clone(),
-            pairs: adjusted(tested, max_t.as_ref(), settings),
+            pairs: adjusted(tested, max_t.as_ref(), &work, settings),
             without_data,
             max_t,
+            serial: SerialDependence::of(&levels, settings.seed),
         }
+    }
+
+    /// The confidence of each simultaneous interval: by Bonferroni, so that all hold with 1 − α.
+    #[must_use]
+    pub fn simultaneous_confidence(&self, settings: &ReportSettings) -> f64 {
+        simultaneous_confidence(self.pairs.len(), settings.alpha)
     }
 
     /// The contrast of two scenarios, in either order.
@@ -163,6 +196,10 @@ impl Contrasts {
             .iter()
             .find(|pair| (pair.a == a && pair.b == b) || (pair.a == b && pair.b == a))
     }
+}
+
+fn simultaneous_confidence(pairs: usize, alpha: f64) -> f64 {
+    1.0 - alpha / pairs.max(1) as f64
 }
 
 /// A scenario with a window that counts and has values.
@@ -207,8 +244,10 @@ struct Work {
     pairs: usize,
     /// Values of the longest window.
     longest: usize,
-    /// Whether blocks are dealt anew.
+    /// Whether blocks are permuted.
     with_blocks: bool,
+    /// The level that the smallest p of the family must reach.
+    alpha: f64,
 }
 
 impl Work {
@@ -220,11 +259,21 @@ impl Work {
             pairs: pairs.len(),
             longest: windows.map(|window| window.len()).max().unwrap_or(0),
             with_blocks: window_pairs <= MOST_BLOCK_PAIRS,
+            alpha: settings.alpha,
         }
     }
 
+    /// With draws enough for Holm's first step, as long as there are not too many pairs for it.
     fn of_levels(&self) -> Effort {
-        self.effort.at_most(LABELLINGS / self.pairs.max(1) as u64)
+        let pairs = self.pairs.max(1);
+        self.effort
+            .reaching(self.alpha / pairs as f64)
+            .at_most(LABELLINGS / pairs as u64)
+    }
+
+    fn of_shifts(&self) -> Effort {
+        self.of_levels()
+            .at_most(SHIFT_LABELLINGS / self.pairs.max(1) as u64)
     }
 
     /// Of tests that walk along all values of that many windows.
@@ -241,6 +290,8 @@ struct Tested<'a> {
     level: PermutationTest,
     shape: ShapeTests,
     blocks: Option<BlockCount>,
+    p_shift: Option<f64>,
+    simultaneous_m: Option<Interval>,
     effect: Effect,
 }
 
@@ -248,26 +299,29 @@ impl<'a> Tested<'a> {
     /// None if a side has nothing to test.
     fn of(a: &'a Scenario<'a>, b: &'a Scenario<'a>, work: &Work, settings: &ReportSettings) -> Option<Self> {
         let windows = a.windows.len() + b.windows.len();
+        let shift = MeanShift::of(&a.levels, &b.levels, work.of_shifts());
+        let confidence = simultaneous_confidence(work.pairs, settings.alpha);
         Some(Self {
             level: permutation::mean_difference(&a.levels, &b.levels, work.of_levels())?,
             shape: ShapeTests::of(&a.windows, &b.windows, work.of_values(windows))?,
             blocks: work
                 .with_blocks
                 .then(|| BlockCount::of(&a.windows, &b.windows, settings.alpha, settings.seed)),
-            effect: Effect::of(&a.windows, &b.windows, work.pairs, settings.seed)?,
+            p_shift: shift.as_ref().map(|shift| shift.p(0.0)),
+            simultaneous_m: shift.as_ref().and_then(|shift| shift.interval(confidence)),
+            effect: Effect::of(&a.windows, &b.windows, shift.as_ref())?,
             a,
             b,
         })
     }
 
-    /// What its p could be at the least, after Holm's adjustment in a family of that many.
-    fn smallest_p_holm(&self, pairs: usize) -> f64 {
-        let smallest = permutation::smallest_p(self.a.levels.len(), self.b.levels.len());
-        (smallest * pairs as f64).min(1.0)
+    /// What its p can be at the least.
+    fn smallest_p(&self, work: &Work) -> f64 {
+        permutation::reachable_p(self.a.levels.len(), self.b.levels.len(), work.of_levels())
     }
 }
 
-/// The maximum-statistic adjustment of the pairs that were tested. Only what takes part in one is dealt anew.
+/// The maximum-statistic adjustment of the pairs that were tested. Only what takes part in one is permuted.
 fn max_t(scenarios: &[Scenario<'_>], tested: &[Tested<'_>], effort: Effort) -> Option<MaxT> {
     let is_member = |letter: &str| {
         tested
@@ -287,33 +341,71 @@ fn max_t(scenarios: &[Scenario<'_>], tested: &[Tested<'_>], effort: Effort) -> O
     permutation::max_t(&levels, &places?, effort)
 }
 
+/// The p-values of a pair as adjusted in the family of all.
+struct Adjusted {
+    p_holm: f64,
+    p_benjamini_yekutieli: f64,
+    p_max_t: f64,
+    /// Of no meaning for a pair without a test of the shift.
+    p_shift_holm: f64,
+    smallest_p_holm: f64,
+}
+
 /// Each pair with its p-values as adjusted in the family of all: every list here has one entry a pair.
-fn adjusted(tested: Vec<Tested<'_>>, max_t: Option<&MaxT>, settings: &ReportSettings) -> Vec<Contrast> {
-    let raw: Vec<f64> = tested.iter().map(|pair| pair.level.p).collect();
+fn adjusted(
+    tested: Vec<Tested<'_>>,
+    max_t: Option<&MaxT>,
+    work: &Work,
+    settings: &ReportSettings,
+) -> Vec<Contrast> {
+    let of_each = |p: &dyn Fn(&Tested<'_>) -> f64| Vec::from_iter(tested.iter().map(p));
+    let raw = of_each(&|pair| pair.level.p);
     let (by_holm, by_yekutieli) = (holm(&raw), benjamini_yekutieli(&raw));
     let by_max_t = max_t.map(|max_t| max_t.p.as_slice()).unwrap_or_default();
-    let adjusted = by_holm.into_iter().zip(by_yekutieli).zip(by_max_t);
-    let pair =
-        |(pair, ((p_holm, p_benjamini_yekutieli), p_max_t)): (Tested<'_>, ((f64, f64), &f64))| Contrast {
+    let shifts = holm(&of_each(&|pair| pair.p_shift.unwrap_or(1.0)));
+    // Holm's p is smallest where every p is.
+    let smallest = holm(&of_each(&|pair| pair.smallest_p(work)));
+    let adjusted = by_holm
+        .into_iter()
+        .zip(by_yekutieli)
+        .zip(by_max_t)
+        .zip(shifts)
+        .zip(smallest)
+        .map(
+            |((((p_holm, p_benjamini_yekutieli), p_max_t), p_shift_holm), smallest_p_holm)| Adjusted {
+                p_holm,
+                p_benjamini_yekutieli,
+                p_max_t: *p_max_t,
+                p_shift_holm,
+                smallest_p_holm,
+            },
+        );
+    let pair = |(pair, adjusted): (Tested<'_>, Adjusted)| {
+        let p_shift_holm = pair.p_shift.map(|_| adjusted.p_shift_holm);
+        let evidence = Evidence {
+            p_holm: adjusted.p_holm,
+            smallest_p_holm: adjusted.smallest_p_holm,
+            p_shift_holm,
+            simultaneous_m: pair.simultaneous_m,
+        };
+        Contrast {
             a: pair.a.letter.to_owned(),
             b: pair.b.letter.to_owned(),
             n: pair.a.levels.len(),
             m: pair.b.levels.len(),
-            p_holm,
-            p_benjamini_yekutieli,
-            p_max_t: *p_max_t,
-            verdict: Verdict::of(
-                p_holm,
-                pair.smallest_p_holm(raw.len()),
-                pair.effect.shift_m.interval,
-                settings.alpha,
-                settings.matters,
-            ),
+            p_holm: adjusted.p_holm,
+            p_benjamini_yekutieli: adjusted.p_benjamini_yekutieli,
+            p_max_t: adjusted.p_max_t,
+            verdict: Verdict::of(&evidence, settings.alpha, settings.equivalence_margin),
             level: pair.level,
             shape: pair.shape,
             blocks: pair.blocks,
+            p_shift: pair.p_shift,
+            p_shift_holm,
             effect: pair.effect,
-        };
+            simultaneous_m: pair.simultaneous_m,
+        }
+    };
     tested.into_iter().zip(adjusted).map(pair).collect()
 }
 
@@ -369,6 +461,135 @@ mod tests {
         assert!(pair.p_max_t < pair.p_holm && pair.p_max_t >= contrasts.max_t.unwrap().smallest_p);
     }
 
+    /// Windows of one value each, at these levels.
+    fn levels(scenario: &str, levels: &[f64]) -> Vec<Sample> {
+        let windows = (1..).zip(levels);
+        windows
+            .map(|(window, level)| sample(scenario, window, &[*level]))
+            .collect()
+    }
+
+    // a/b with 4 : 4 windows can reach 2/70 and a/c with 4 : 8 1/495. Holm asks the larger of them for no more than α once the smaller
+    // one is rejected. Until version 0.1 a/b "differ" where they are wholly apart, and else "cannot" be told.
+    #[rstest]
+    #[case::apart(0.5, Verdict::Differ)]
+    #[case::one_place_off(0.25, Verdict::NotToldApart)]
+    fn what_holms_procedure_can_reach_is_not_out_of_reach(
+        #[case] lowest_of_b: f64,
+        #[case] verdict: Verdict,
+    ) {
+        let settings = ReportSettings {
+            alpha: 0.05,
+            ..ReportSettings::default()
+        };
+        let samples = [
+            levels("a", &[0.10, 0.11, 0.12, 0.30]),
+            levels("b", &[lowest_of_b, 0.61, 0.72, 0.83]),
+            levels("c", &[0.90, 0.91, 0.92, 0.93, 0.94, 0.95, 0.96, 0.97]),
+        ]
+        .concat();
+        let contrasts = Contrasts::of(&[("a", "b"), ("a", "c")], &samples, &settings);
+        assert_eq!(contrasts.pairs[0].verdict, verdict, "{:?}", contrasts.pairs[0]);
+        assert_eq!(contrasts.pairs[1].verdict, Verdict::Differ);
+    }
+
+    // Three windows that vary by 0.3 are all above ten that vary by 0.005: that is no rare chance where the means are equal, and until
+    // version 0.1 was "differ".
+    #[test]
+    fn a_spread_is_not_taken_for_a_shift() {
+        let settings = ReportSettings {
+            alpha: 0.05,
+            ..ReportSettings::default()
+        };
+        let samples = [
+            levels("a", &[0.60, 0.90, 1.20]),
+            levels(
+                "b",
+                &[0.50, 0.51, 0.49, 0.505, 0.495, 0.50, 0.502, 0.498, 0.507, 0.493],
+            ),
+        ]
+        .concat();
+        let contrasts = Contrasts::of(&[("a", "b")], &samples, &settings);
+        let pair = &contrasts.pairs[0];
+        assert!(
+            pair.p_holm < 0.01 && pair.p_shift_holm.unwrap() > 0.05,
+            "{pair:?}"
+        );
+        assert_eq!(pair.verdict, Verdict::DifferLevelOpen);
+    }
+
+    // One pair of eight windows with an interval of 95 % just within the margin is immaterial by itself at 0.05; as one of 8 pairs it is
+    // not, since one of 8 such intervals may well be wrong. Until version 0.1 both were.
+    #[test]
+    fn a_larger_family_has_longer_intervals() {
+        let near: Vec<f64> = (0..8).map(|it| 0.2 + f64::from(it) * 1e-4).collect();
+        let mut samples = Vec::new();
+        for letter in ["a", "b", "c", "d", "e"] {
+            samples.extend(levels(letter, &near));
+        }
+        let settings = ReportSettings {
+            alpha: 0.05,
+            equivalence_margin: Some(Length::from_millimetres(0.3)),
+            ..ReportSettings::default()
+        };
+        let pairs = [
+            ("a", "b"),
+            ("a", "c"),
+            ("a", "d"),
+            ("a", "e"),
+            ("b", "c"),
+            ("b", "d"),
+            ("b", "e"),
+            ("c", "d"),
+        ];
+        let alone = Contrasts::of(&pairs[..1], &samples, &settings);
+        let together = Contrasts::of(&pairs, &samples, &settings);
+        assert_eq!(
+            alone.pairs[0].verdict,
+            Verdict::Immaterial,
+            "{:?}",
+            alone.pairs[0].simultaneous_m
+        );
+        assert_eq!(
+            together.pairs[0].verdict,
+            Verdict::NotToldApart,
+            "{:?}",
+            together.pairs[0].simultaneous_m
+        );
+        assert_eq!(alone.pairs[0].effect.shift_m, together.pairs[0].effect.shift_m);
+        assert_eq!(together.simultaneous_confidence(&settings), 1.0 - 0.05 / 8.0);
+        let strict = ReportSettings {
+            alpha: 0.001,
+            ..settings
+        };
+        assert_eq!(
+            Contrasts::of(&pairs[..1], &samples, &strict).pairs[0].verdict,
+            Verdict::NotToldApart
+        );
+    }
+
+    #[test]
+    fn windows_too_many_to_enumerate_are_drawn_often_enough_for_the_family() {
+        let many = |from: f64| Vec::from_iter((0..12).map(|it| from + f64::from(it) * 1e-3));
+        let samples = [
+            levels("a", &many(0.1)),
+            levels("b", &many(0.5)),
+            levels("c", &many(0.9)),
+        ]
+        .concat();
+        let contrasts = Contrasts::of(
+            &[("a", "b"), ("a", "c"), ("b", "c")],
+            &samples,
+            &ReportSettings {
+                alpha: 0.0001,
+                ..ReportSettings::default()
+            },
+        );
+        for pair in &contrasts.pairs {
+            assert_eq!(pair.verdict, Verdict::Differ, "{pair:?}");
+        }
+    }
+
     #[test]
     fn a_pair_without_data_is_no_pair_without_change() {
         let contrasts = of(&[("a", "b"), ("a", "x")], &ReportSettings::default());
@@ -420,24 +641,34 @@ mod tests {
     #[case::open(0.0001, 1e-5, WIDE, Some(2.0), Verdict::DifferByUnknown)]
     #[case::large(0.0001, 1e-5, FAR, Some(2.0), Verdict::DifferMaterially)]
     #[case::large_and_missed(0.01, 1e-5, FAR, Some(2.0), Verdict::NotToldApart)]
-    fn a_verdict_passes_both_the_level_and_what_matters(
+    fn a_verdict_passes_both_the_level_and_the_equivalence_margin(
         #[case] p: f64,
         #[case] smallest: f64,
         #[case] shift: Interval,
-        #[case] matters_mm: Option<f64>,
+        #[case] margin_mm: Option<f64>,
         #[case] verdict: Verdict,
     ) {
-        let matters = matters_mm.map(Length::from_millimetres);
-        assert_eq!(Verdict::of(p, smallest, Some(shift), 0.001, matters), verdict);
+        let margin = margin_mm.map(Length::from_millimetres);
+        let evidence = Evidence {
+            p_holm: p,
+            smallest_p_holm: smallest,
+            p_shift_holm: Some(p),
+            simultaneous_m: Some(shift),
+        };
+        assert_eq!(Verdict::of(&evidence, 0.001, margin), verdict);
     }
 
     #[test]
-    fn an_interval_of_less_confidence_never_makes_a_difference_immaterial() {
-        let shift = Interval {
-            confidence: 0.667,
-            ..NARROW
-        };
-        let verdict = Verdict::of(0.3, 0.3, Some(shift), 0.001, Some(Length::from_millimetres(2.0)));
-        assert_eq!(verdict, Verdict::CannotTell);
+    fn without_an_interval_for_all_pairs_nothing_is_said_of_the_margin() {
+        let contrasts = of(
+            &[("a", "b")],
+            &ReportSettings {
+                equivalence_margin: Some(Length::from_millimetres(1000.0)),
+                ..ReportSettings::default()
+            },
+        );
+        let pair = &contrasts.pairs[0];
+        assert!(pair.effect.shift_m.interval.is_some());
+        assert_eq!((pair.simultaneous_m, pair.verdict), (None, Verdict::CannotTell));
     }
 }

@@ -33,7 +33,7 @@ fn values(settings: &ReportSettings) -> Value {
         "warm_up": settings.warm_up,
         "figures": settings.figures,
         "family": settings.family,
-        "matters": settings.matters,
+        "equivalence_margin": settings.equivalence_margin,
         "seed": settings.seed,
     });
     if let (Some(values), Ok(Value::Object(written))) =
@@ -42,7 +42,7 @@ fn values(settings: &ReportSettings) -> Value {
         values.extend(written);
     }
     // One setting, whatever axes it names.
-    values["control"] = Value::String(spelt(&json!(settings.control)));
+    values["baseline"] = Value::String(spelt(&json!(settings.baseline)));
     values
 }
 
@@ -79,16 +79,16 @@ mod tests {
         let used = ReportSettings {
             alpha: 0.2,
             metric: Metric::MeanAbsX,
-            control: [("os".to_owned(), "debian".to_owned())].into(),
+            baseline: [("os".to_owned(), "debian".to_owned())].into(),
             figures: vec![DrawnPair("b/2".parse().unwrap(), "h".parse().unwrap())],
-            family: Family::AgainstControls,
+            family: Family::AgainstBaseline,
             ..declared.clone()
         };
         let said = remark(&declared, &used).unwrap();
         assert!(
             said.starts_with(
-                "DIFFERS FROM WHAT WAS DECLARED: alpha (`0.2`, declared was `0.001`), control (`{os: debian}`, declared was \
-                 `{virtualization: native}`), family (`against-controls`, declared was `all`), figures (`[[b/2, h]]`, declared was \
+                "DIFFERS FROM WHAT WAS DECLARED: alpha (`0.2`, declared was `0.001`), baseline (`{os: debian}`, declared was \
+                 `{virtualization: native}`), family (`against-baseline`, declared was `all`), figures (`[[b/2, h]]`, declared was \
                  `[]`), metric (`mean-abs-x`, declared was `mean-abs-sum`)."
             ),
             "{said}"

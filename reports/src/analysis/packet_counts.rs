@@ -3,17 +3,15 @@
 
 use std::borrow::Cow;
 
+use captures::{
+    packets::Topic,
+    traffic::{Quantity, Traffic, WindowTraffic},
+};
 use record::report_settings::ReportSettings;
 
-use crate::{
-    analysis::{
-        comparison::{FrameError, Tally, WindowValues, tallies},
-        sample::Sample,
-    },
-    input::{
-        packets::Topic,
-        traffic::{DirectionTraffic, Quantity, Traffic, WindowTraffic},
-    },
+use crate::analysis::{
+    comparison::{FrameError, Tally, WindowValues, tallies},
+    sample::Sample,
 };
 
 /// The counts of one quantity in one direction.
@@ -57,26 +55,6 @@ pub fn compared(
         }
     }
     Ok(compared)
-}
-
-impl WindowTraffic {
-    /// One direction.
-    #[must_use]
-    pub fn direction(&self, topic: Topic) -> &DirectionTraffic {
-        let [state, command] = &self.directions;
-        match topic {
-            Topic::State => state,
-            Topic::Command => command,
-        }
-    }
-
-    /// The values of the periods from the first that counts (from 1), of which the packets say it.
-    #[must_use]
-    pub fn values(&self, topic: Topic, quantity: Quantity, first_period: u32) -> Vec<f64> {
-        let periods = self.direction(topic).periods.iter();
-        let counted = periods.skip(first_period.saturating_sub(1) as usize);
-        counted.filter_map(|period| quantity.of(period)).collect()
-    }
 }
 
 /// The windows of which there are both captures and a sample, in the order of the samples.

@@ -7,17 +7,15 @@
 //! of a Difference Between Two Rates*, 1955). Its interval is by bootstrap over windows. It is what goes with it, and not
 //! what is caused by it: quantities go with each other, so their parts do not add up.
 
+use captures::{
+    packets::Topic,
+    traffic::{Quantity, Traffic, WindowTraffic},
+};
 use oorandom::Rand64;
 use record::report_settings::ReportSettings;
+use statistics::effect::{Estimate, Interval, level, percentiles, tail};
 
-use crate::{
-    analysis::{contrast::Contrast, packet_counts::sampled, sample::Sample},
-    input::{
-        packets::Topic,
-        traffic::{Quantity, Traffic, WindowTraffic},
-    },
-    statistics::effect::{Estimate, Interval, level, percentiles, tail},
-};
+use crate::analysis::{contrast::Contrast, packet_counts::sampled, sample::Sample};
 
 /// Bootstrap resamples.
 const RESAMPLES: u32 = 1_999;
@@ -209,8 +207,9 @@ fn mean(values: impl Iterator<Item = f64>) -> Option<f64> {
 
 #[cfg(test)]
 mod tests {
+    use captures::traffic::{DirectionTraffic, PeriodTraffic};
+
     use super::*;
-    use crate::input::traffic::{DirectionTraffic, PeriodTraffic};
 
     /// One window whose states have these delays and losses, and the errors of its periods.
     fn window(number: u32, periods: &[(f64, u32, f64)]) -> (WindowTraffic, Sample) {
@@ -227,7 +226,7 @@ mod tests {
                 .collect(),
             strays: 0,
             one_way: None,
-            round_trip: None,
+            rtt: None,
             jitter: None,
             gap: None,
         };

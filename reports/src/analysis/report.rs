@@ -1,23 +1,23 @@
 //! What a run showed, as data: every scenario with how it ended, every comparison with the counts, what the windows and the
 //! packets show. [`Report::present`] makes remarks and tables of it. The main type is [`Report`], made by [`analyse`].
 
+use captures::traffic::Traffic;
 use record::{family::Member, report_settings::ReportSettings, run_directory::Difference};
 
 use crate::{
     analysis::{
         comparison::{Comparisons, FrameError, Tally, compare},
         conclusion::{Conclusion, conclusions},
-        contrast::Contrasts,
+        contrast::{Contrasts, Verdict},
         packet_counts::{self, TrafficTally},
         packet_explanations::{self, Explanation},
+        pairs::Pairs,
+        replicates::Replicates,
         sample::{Sample, samples},
         scenario::{ScenarioReport, scenario_report},
-        setup::Unlike,
+        setup::SetupDifference,
     },
-    input::{
-        run::{Run, RunPart},
-        traffic::Traffic,
-    },
+    input::run::{Run, RunPart},
 };
 
 /// What a run showed.
@@ -38,11 +38,13 @@ pub struct Report {
     /// Every two windows compared; empty if there are more of them than are listed.
     pub comparisons: Comparisons,
     /// The counts, of each scenario with itself and with each other.
-    pub tallies: Vec<Tally>,
+    pub tallies: Pairs<Tally>,
     /// Scenarios that did not run the same experiment: what is different of them is not the platform's alone.
-    pub unlike: Vec<Unlike>,
+    pub setup_differences: Pairs<SetupDifference>,
     /// The pairs of the declared family, with the window as the unit.
     pub contrasts: Contrasts,
+    /// The same pairs with the environment as the unit, which then decides; none where each scenario has one environment.
+    pub replicates: Option<Replicates>,
     /// Virtualizations over all platforms, and operating systems, each two of them.
     pub conclusions: Vec<Conclusion>,
     /// What became of the packets; empty without captures.
@@ -76,9 +78,17 @@ pub fn analyse(run: &Run, traffic: Traffic, settings: &ReportSettings) -> Report
         .iter()
         .map(|scenario| scenario_report(scenario, settings, &samples))
         .collect();
-    let unlike = Unlike::all(&run.scenarios);
-    let pairs = family_pairs(&scenarios, &unlike, settings);
-    let contrasts = Contrasts::of(&pairs, &samples, settings);
+    let setup_differences = Pairs::new(SetupDifference::all(&run.scenarios));
+    let pairs = family_pairs(&scenarios, &setup_differences, settings);
+    let mut contrasts = Contrasts::of(&pairs, &samples, settings);
+    let replicates = Replicates::of(run, &pairs, &samples, settings);
+    if let Some(replicates) = &replicates {
+        // Windows of one environment are not independent: where there are several, environments decide.
+        for pair in &mut contrasts.pairs {
+            let by_environments = replicates.find(&pair.a, &pair.b);
+            pair.verdict = by_environments.map_or(Verdict::CannotTell, |found| found.verdict);
+        }
+    }
     Report {
         run: run.manifest.run.clone(),
         created: run.manifest.created.clone(),
@@ -87,11 +97,12 @@ pub fn analyse(run: &Run, traffic: Traffic, settings: &ReportSettings) -> Report
         traffic_tallies: or_fault(packet_counts::compared(&traffic, &samples, settings), &mut faults),
         explanations: packet_explanations::explanations(&contrasts.pairs, &samples, &traffic, settings),
         traffic,
-        conclusions: conclusions(&scenarios, &samples, &unlike, settings.seed),
-        unlike,
+        conclusions: conclusions(&scenarios, &samples, &setup_differences, settings.seed),
+        setup_differences,
         contrasts,
+        replicates,
         scenarios,
-        tallies,
+        tallies: Pairs::new(tallies),
         samples,
         comparisons,
         declared: run.manifest.report.clone(),
@@ -114,17 +125,16 @@ pub(crate) fn or_fault<T: Default>(asked: Result<T, FrameError>, faults: &mut Ve
 /// they are named.
 fn family_pairs(
     scenarios: &[ScenarioReport],
-    unlike: &[Unlike],
+    setup_differences: &Pairs<SetupDifference>,
     settings: &ReportSettings,
 ) -> Vec<(String, String)> {
     let members: Vec<Member<'_>> = scenarios
         .iter()
-        .map(|scenario| Member::new(&scenario.id, &scenario.slug, scenario.is_control, &scenario.axes))
+        .map(|scenario| Member::new(&scenario.id, &scenario.slug, scenario.is_baseline, &scenario.axes))
         .collect();
     let letters = |(a, b): (usize, usize)| Some((members.get(a)?.id, members.get(b)?.id));
-    let is_unlike = |a: usize, b: usize| {
-        letters((a, b)).is_some_and(|(a, b)| unlike.iter().any(|unlike| unlike.is_of(a, b)))
-    };
+    let is_unlike =
+        |a: usize, b: usize| letters((a, b)).is_some_and(|(a, b)| setup_differences.find(a, b).is_some());
     let asked = settings.family.asked(&members, is_unlike).into_iter();
     asked
         .filter_map(letters)
@@ -136,21 +146,20 @@ impl Report {
     /// The count of two scenarios, in either order, or of one with itself; none if no two windows were compared.
     #[must_use]
     pub fn tally(&self, a: &str, b: &str) -> Option<&Tally> {
-        self.tallies
-            .iter()
-            .find(|tally| (tally.a == a && tally.b == b) || (tally.a == b && tally.b == a))
+        self.tallies.find(a, b)
     }
 
-    /// The experimental controls.
-    pub fn controls(&self) -> impl Iterator<Item = &ScenarioReport> {
-        self.scenarios.iter().filter(|scenario| scenario.is_control)
+    /// The baseline scenarios.
+    pub fn baseline(&self) -> impl Iterator<Item = &ScenarioReport> {
+        self.scenarios.iter().filter(|scenario| scenario.is_baseline)
     }
 
     /// What is not the same of the experiments that two scenarios ran; empty if they ran the same.
     #[must_use]
-    pub fn unlike(&self, a: &str, b: &str) -> &[String] {
-        let found = self.unlike.iter().find(|unlike| unlike.is_of(a, b));
-        found.map_or(&[], |unlike| &unlike.fields)
+    pub fn setup_differences(&self, a: &str, b: &str) -> &[String] {
+        self.setup_differences
+            .find(a, b)
+            .map_or(&[], |difference| &difference.fields)
     }
 
     /// What is recorded to be different of two scenarios' environments; empty where one has no record.

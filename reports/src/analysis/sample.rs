@@ -5,8 +5,9 @@ use record::{
     run_directory::{ControlTrace, SLICES},
     window::WindowRecord,
 };
+use statistics::{effect, power::Spread, stationarity};
 
-use crate::{input::run::Run, statistics::stationarity};
+use crate::input::run::Run;
 
 /// The period errors of one window that counts.
 #[derive(Debug, Clone, PartialEq)]
@@ -41,6 +42,16 @@ pub fn samples(run: &Run, settings: &ReportSettings) -> Vec<Sample> {
         .collect()
 }
 
+/// The spread of window levels within scenarios, pooled, in metres; none where no scenario has two windows.
+#[must_use]
+pub fn spread_of_levels(samples: &[Sample]) -> Option<Spread> {
+    let scenarios = samples.chunk_by(|a, b| a.scenario == b.scenario);
+    Spread::pooled(scenarios.map(|of_one| -> Vec<f64> {
+        let levels = of_one.iter().map(|sample| effect::level(&sample.errors_m));
+        levels.flatten().collect()
+    }))
+}
+
 /// How many periods at a window's start are not in its sample.
 fn left_out(record: &WindowRecord, trace: &ControlTrace, settings: &ReportSettings) -> u32 {
     let discarded = settings.discarded(record.starts_run);
@@ -54,4 +65,29 @@ fn left_out(record: &WindowRecord, trace: &ControlTrace, settings: &ReportSettin
             stationarity::warm_up(slices, SLICES).map_or(0, |periods| periods.ceil() as u32)
         }
     })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_spread_is_within_scenarios_and_not_between_them() {
+        let sample = |scenario: &str, level: f64| Sample {
+            scenario: scenario.to_owned(),
+            window: 1,
+            first_period: 1,
+            errors_m: vec![level],
+        };
+        let samples = [
+            sample("a", 1.0),
+            sample("a", 3.0),
+            sample("b", 11.0),
+            sample("b", 13.0),
+        ];
+        let spread = spread_of_levels(&samples).unwrap();
+        assert!((spread.deviation - 2.0_f64.sqrt()).abs() < 1e-12);
+        assert_eq!(spread.freedom, 2);
+        assert_eq!(spread_of_levels(&samples[..1]), None);
+    }
 }

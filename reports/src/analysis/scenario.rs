@@ -4,9 +4,9 @@
 use std::fmt;
 
 use record::{
-    axis::{NATIVE, VIRTUALIZATION, text_of},
+    axis::{NATIVE, VIRTUALIZATION, axis_text},
     report_settings::ReportSettings,
-    run_directory::{EnvironmentRecord, Outcome},
+    run_directory::{BrokenWindow, EnvironmentRecord, Outcome},
     settings::{Dynamics, NetworkBackend},
     window::Verdict,
 };
@@ -14,7 +14,7 @@ use serde_json::{Map, Value};
 
 use crate::{
     analysis::{health::Health, sample::Sample, within::WithinWindows},
-    input::run::{BrokenWindow, Ending, MissingWindow, ScenarioRun, Window, WindowState},
+    input::run::{Ending, MissingWindow, ScenarioRun, Window, WindowState},
 };
 
 /// One scenario in the report.
@@ -32,8 +32,8 @@ pub struct ScenarioReport {
     pub dynamics: Dynamics,
     /// The settings that were not as the dynamics has them, as dotted paths.
     pub overridden: Vec<String>,
-    /// Whether it is one of the experimental controls.
-    pub is_control: bool,
+    /// Whether it belongs to the baseline.
+    pub is_baseline: bool,
     /// Whether its numbers were made up by the `fake` provider.
     pub is_simulated: bool,
     /// How it ended.
@@ -171,7 +171,7 @@ impl ScenarioReport {
     #[must_use]
     pub fn platform(&self) -> String {
         let others = self.axes.iter().filter(|(axis, _)| *axis != VIRTUALIZATION);
-        let values: Vec<String> = others.map(|(_, value)| text_of(value)).collect();
+        let values: Vec<String> = others.map(|(_, value)| axis_text(value)).collect();
         match values.is_empty() {
             true => "this machine".to_owned(),
             false => values.join(" "),
@@ -181,7 +181,7 @@ impl ScenarioReport {
     /// The value of an axis as text, if the scenario has that axis.
     #[must_use]
     pub fn axis(&self, name: &str) -> Option<String> {
-        self.axes.get(name).map(text_of)
+        self.axes.get(name).map(axis_text)
     }
 }
 
@@ -206,7 +206,7 @@ pub(super) fn scenario_report(
         network: planned.settings.network.backend,
         dynamics: planned.settings.dynamics,
         overridden: planned.settings.overridden(),
-        is_control: settings.is_control(planned),
+        is_baseline: settings.is_baseline(planned),
         is_simulated: scenario.is_simulated(),
         standing,
         reason,

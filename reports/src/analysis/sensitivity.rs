@@ -1,5 +1,5 @@
 //! What a pair of windows would detect: the smallest disturbance of a platform that the report's KS test finds with a
-//! power of [`POWER`], from the closed loop in virtual time ([`workload::simulation`]). The main function is
+//! power of [`POWER`], from the closed loop in virtual time ([`simulation::closed_loop`]). The main function is
 //! [`Design::sensitivity`].
 //!
 //! A pair is an undisturbed window and one that is disturbed throughout; all are simulated independently. A disturbance
@@ -12,9 +12,10 @@ use std::time::Duration;
 
 use rayon::prelude::*;
 use record::{report_settings::ReportSettings, run_directory::PeriodError, settings::Settings};
-use workload::simulation::{Platform, Simulation, Stalls};
+use simulation::closed_loop::{Platform, Simulation, Stalls};
+use statistics::ks::Procedure;
 
-use crate::{analysis::selftest::Rate, statistics::ks::Procedure};
+use crate::analysis::calibration::Rate;
 
 /// The share of pairs that are to be told apart.
 pub const POWER: f64 = 0.9;
@@ -246,11 +247,12 @@ impl Design<'_> {
 
     fn rate(&self, data: &'static str, rejected: usize) -> Rate {
         Rate {
-            method: "KS of two windows",
+            method: "KS of two windows".to_owned(),
             data,
             nominal: self.report.alpha,
             rejected,
             trials: self.pairs,
+            independent: self.pairs,
         }
     }
 }

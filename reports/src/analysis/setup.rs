@@ -1,17 +1,23 @@
 //! Whether two scenarios ran the same experiment. Windows over other networks, at another rate or by another version of the
 //! workload differ whatever they ran on, so that a difference between them says nothing of the platform. The main type is
-//! [`Unlike`].
+//! [`SetupDifference`].
 
 use std::collections::HashMap;
 
-use record::{run_directory::PlannedScenario, settings::Settings};
+use record::{
+    run_directory::{PlannedScenario, RecordedPlatform, fact},
+    settings::Settings,
+};
 use serde_json::{Value, json};
 
-use crate::{analysis::fields, input::run::ScenarioRun};
+use crate::{
+    analysis::{fields, pairs::OfPair},
+    input::run::ScenarioRun,
+};
 
 /// Two scenarios that did not run the same experiment.
 #[derive(Debug, Clone, PartialEq, Eq)]
-pub struct Unlike {
+pub struct SetupDifference {
     /// Letter of the first.
     pub a: String,
     /// Letter of the second.
@@ -20,7 +26,7 @@ pub struct Unlike {
     pub fields: Vec<String>,
 }
 
-impl Unlike {
+impl SetupDifference {
     /// Every two scenarios that are, in the order of the plan. What was never measured is like any.
     #[must_use]
     pub fn all(scenarios: &[ScenarioRun]) -> Vec<Self> {
@@ -45,11 +51,11 @@ impl Unlike {
         }
         found
     }
+}
 
-    /// Whether it is of these two, in either order.
-    #[must_use]
-    pub fn is_of(&self, a: &str, b: &str) -> bool {
-        (self.a == a && self.b == b) || (self.a == b && self.b == a)
+impl OfPair for SetupDifference {
+    fn letters(&self) -> (&str, &str) {
+        (&self.a, &self.b)
     }
 }
 
@@ -90,7 +96,7 @@ impl Experiments {
 
     /// Whether those at two places differ, as [`differing_settings`] has it.
     #[must_use]
-    pub fn are_unlike(&self, a: usize, b: usize) -> bool {
+    pub fn differ(&self, a: usize, b: usize) -> bool {
         let row = |at: usize| self.rows.get(at).map(Vec::as_slice).unwrap_or_default();
         std::iter::zip(row(a), row(b)).any(|(a, b)| *a != 0 && *b != 0 && a != b)
     }
@@ -139,16 +145,9 @@ fn program(scenario: &ScenarioRun) -> Value {
     let Some(environment) = &scenario.environment else {
         return Value::Null;
     };
-    let of = |key: &str| {
-        environment
-            .platform
-            .as_ref()
-            .and_then(|platform| platform.get(key))
-    };
-    let machine = of("workload_machine")
-        .or_else(|| of("machine"))
-        .and_then(Value::as_str);
-    match (machine, environment.facts.get("workload_sha256")) {
+    let platform = environment.platform.as_ref();
+    let machine = platform.and_then(RecordedPlatform::program_machine);
+    match (machine, environment.facts.get(fact::WORKLOAD_SHA256)) {
         (Some(machine), Some(sha256)) => json!({ machine: sha256 }),
         _ => Value::Null,
     }
@@ -195,10 +194,10 @@ mod tests {
         for (a, first) in all.iter().enumerate() {
             for (b, second) in all.iter().enumerate() {
                 let differ = !differing_settings(first, second).is_empty();
-                assert_eq!(experiments.are_unlike(a, b), differ, "{a} and {b}");
+                assert_eq!(experiments.differ(a, b), differ, "{a} and {b}");
             }
         }
-        assert!(experiments.are_unlike(2, 3) && !experiments.are_unlike(0, 2));
+        assert!(experiments.differ(2, 3) && !experiments.differ(0, 2));
     }
 
     #[test]

@@ -2,15 +2,12 @@
 //! reader of the counts, which take values for independent, has to know. The main type is [`WithinWindows`].
 
 use record::{report_settings::ReportSettings, run_directory::SLICES};
-
-use crate::{
-    analysis::sample::Sample,
-    input::run::ScenarioRun,
-    statistics::{
-        dependence::Dependence,
-        stationarity::{self, Stationarity, Unseen},
-    },
+use statistics::{
+    dependence::Dependence,
+    stationarity::{self, Stationarity, Unseen},
 };
+
+use crate::{analysis::sample::Sample, input::run::ScenarioRun};
 
 /// Within the windows of one scenario that count.
 #[derive(Debug, Clone, PartialEq)]

@@ -17,9 +17,6 @@ use serde::{Deserialize, Serialize};
 
 use super::{Metric, Night};
 
-/// Where the change that was found may be, in nights from where it was acknowledged: another night more moves it by some.
-const NEAR: usize = 2;
-
 /// All that is known.
 #[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
 #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
@@ -162,23 +159,6 @@ impl Acknowledgements {
             .collect()
     }
 
-    /// Those of a change that begins near that run, and that have not expired by the newest of the nights.
-    pub(super) fn near(
-        &self,
-        nights: &[Night],
-        scenario: &str,
-        metric: Metric,
-        since: &str,
-    ) -> impl Iterator<Item = &Acknowledgement> {
-        let place = |run: &str| nights.iter().position(|night| night.run == run);
-        let found = place(since);
-        let is_near = move |it: &&Acknowledgement| match (place(&it.since), found) {
-            (Some(known), Some(found)) => known.abs_diff(found) <= NEAR,
-            _ => it.since == since,
-        };
-        self.holding(nights, scenario, metric).filter(is_near)
-    }
-
     /// That of exactly that run, if it has not expired by the newest of the nights.
     pub(super) fn of_run(
         &self,
@@ -190,9 +170,16 @@ impl Acknowledgements {
         self.holding(nights, scenario, metric).find(|it| it.since == run)
     }
 
-    /// The last run that begins a change which is known, of those that stay in the history.
-    pub(super) fn last_step(&self, nights: &[Night], scenario: &str, metric: Metric) -> Option<&str> {
-        self.last(nights, scenario, metric, Baseline::Keep)
+    /// Those of changes whose earlier nights stay in the history, with the place of the night that each begins with.
+    pub(super) fn steps(
+        &self,
+        nights: &[Night],
+        scenario: &str,
+        metric: Metric,
+    ) -> impl Iterator<Item = (usize, &Acknowledgement)> {
+        let all = self.holding(nights, scenario, metric);
+        all.filter(|it| it.baseline == Baseline::Keep)
+            .filter_map(|it| Some((nights.iter().position(|night| night.run == it.since)?, it)))
     }
 
     /// Whether somebody knows that a scenario is not measured any more: a run without it is acknowledged.
@@ -204,13 +191,9 @@ impl Acknowledgements {
 
     /// The first run that counts, where a change was accepted as what is usual now.
     pub(super) fn begins(&self, nights: &[Night], scenario: &str, metric: Metric) -> Option<&str> {
-        self.last(nights, scenario, metric, Baseline::Reset)
-    }
-
-    fn last(&self, nights: &[Night], scenario: &str, metric: Metric, baseline: Baseline) -> Option<&str> {
         let all = self
             .holding(nights, scenario, metric)
-            .filter(|it| it.baseline == baseline);
+            .filter(|it| it.baseline == Baseline::Reset);
         let place = |it: &&Acknowledgement| nights.iter().position(|night| night.run == it.since);
         all.max_by_key(place).map(|it| it.since.as_str())
     }
@@ -245,7 +228,7 @@ mod tests {
                 run: format!("night-{day}"),
                 created: format!("2026-11-{day}T02:00:00.000Z"),
                 is_simulated: false,
-                matters_m: None,
+                equivalence_margin_m: None,
                 scenarios: BTreeMap::new(),
             })
             .collect()
@@ -263,42 +246,45 @@ mod tests {
         }
     }
 
+    fn known_steps(all: &Acknowledgements, nights: &[Night], scenario: &str, metric: Metric) -> Vec<usize> {
+        all.steps(nights, scenario, metric)
+            .map(|(night, _)| night)
+            .collect()
+    }
+
     #[rstest]
-    #[case::itself("a", Metric::TrackingError, "night-20", true)]
-    #[case::moved_by_another_night("a", Metric::TrackingError, "night-22", true)]
-    #[case::another_change("a", Metric::TrackingError, "night-23", false)]
-    #[case::another_scenario("b", Metric::TrackingError, "night-20", false)]
-    #[case::another_metric("a", Metric::Lateness, "night-20", false)]
-    fn one_is_of_its_change_alone(
+    #[case::itself("a", Metric::TrackingError, &[10])]
+    #[case::another_scenario("b", Metric::TrackingError, &[])]
+    #[case::another_metric("a", Metric::Lateness, &[])]
+    fn one_is_of_its_series_alone(
         #[case] scenario: &str,
         #[case] metric: Metric,
-        #[case] since: &str,
-        #[case] is_known: bool,
+        #[case] known_at: &[usize],
     ) {
         let all = Acknowledgements {
             acknowledged: vec![known()],
         };
-        assert_eq!(
-            all.near(&nights(), scenario, metric, since).count() == 1,
-            is_known
-        );
+        assert_eq!(known_steps(&all, &nights(), scenario, metric), known_at);
     }
 
     #[test]
     fn one_that_has_expired_says_nothing_any_more() {
-        let expired = Acknowledgement {
-            expires: "2026-11-29".to_owned(),
-            baseline: Baseline::Reset,
-            ..known()
-        };
-        let all = Acknowledgements {
-            acknowledged: vec![expired],
+        let expired = |baseline| Acknowledgements {
+            acknowledged: vec![Acknowledgement {
+                expires: "2026-11-29".to_owned(),
+                baseline,
+                ..known()
+            }],
         };
         let metric = Metric::TrackingError;
-        assert_eq!(all.near(&nights(), "a", metric, "night-20").count(), 0);
-        assert_eq!(all.begins(&nights(), "a", metric), None);
-        let the_day_before = &nights()[..19];
-        assert_eq!(all.near(the_day_before, "a", metric, "night-20").count(), 1);
+        let nights = nights();
+        let the_day_before = &nights[..19];
+        let kept = expired(Baseline::Keep);
+        assert!(known_steps(&kept, &nights, "a", metric).is_empty());
+        assert_eq!(known_steps(&kept, the_day_before, "a", metric), [10]);
+        let reset = expired(Baseline::Reset);
+        assert_eq!(reset.begins(&nights, "a", metric), None);
+        assert_eq!(reset.begins(the_day_before, "a", metric), Some("night-20"));
     }
 
     #[test]

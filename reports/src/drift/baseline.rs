@@ -4,14 +4,16 @@
 //! nights differ anyway cannot be known. Then the windows are the units, in the exact permutation test of means, and the
 //! report says what that is blind to.
 
+use statistics::{
+    multiplicity::holm,
+    permutation, power,
+    prediction::{FEWEST_NIGHTS, Prediction},
+    relabelling::Effort,
+};
+
 use super::{
     Cause, Drift, Finding, Judgement, Kind, Metric, Night, Settings, Verdict,
-    prediction::{FEWEST_NIGHTS, Prediction},
     series::{Point, Series, gone, lacking, level_of, remarks, series_of},
-};
-use crate::{
-    analysis::power,
-    statistics::{multiplicity::holm, permutation, relabelling::Effort},
 };
 
 /// What a comparison of one series came to, before it is known how many there are.
@@ -106,7 +108,7 @@ fn compare(series: &Series<'_>, level: f64, seed: u64) -> Result<Comparison, Ver
         };
         return Ok(Comparison {
             // Within what the baseline has seen nothing is off.
-            p: prediction.p(&[tonight.level]).unwrap_or(1.0),
+            p: prediction.p(tonight.level).unwrap_or(1.0),
             detectable: Some(prediction.detectable(level)),
         });
     }
@@ -164,6 +166,7 @@ fn judgement(
                 .of_run(nights, &series.scenario, series.metric, tonight.run)
                 .cloned(),
             immaterial: settings.is_immaterial(series.metric, tonight.level - level_before),
+            withdrawn: None,
         });
     }
     let verdict = match (findings.iter().any(Finding::is_news), comparison.detectable) {

@@ -53,7 +53,7 @@ pub fn night_of(path: &Path) -> Result<Night, ReadError> {
         return Ok(night);
     }
     let run = crate::load(path)?;
-    let night = Night::of(&run, &traffic::read(&run))?;
+    let night = Night::of(&run, &traffic::read(&run));
     if let Some(made_from) = made_from {
         // See the module's header.
         let _ = write(

@@ -2,20 +2,18 @@
 
 use std::collections::BTreeMap;
 
-use record::{
-    axis::VIRTUALIZATION,
-    run_directory::{EnvironmentRecord, Event, Journal, ReadError},
-};
+use captures::traffic::{Traffic, WindowTraffic};
+use record::{axis::VIRTUALIZATION, quantity::Length, run_directory::EnvironmentRecord};
 use serde::{Deserialize, Serialize};
 use serde_json::{Value, json};
+use statistics::effect::{level, median};
 
 use crate::{
     analysis::sample::samples,
     input::{
+        overheads::seconds_between,
         run::{Ending, Run, ScenarioRun, WindowState},
-        traffic::{Traffic, WindowTraffic},
     },
-    statistics::effect::{level, median},
 };
 
 /// What is followed.
@@ -109,8 +107,9 @@ pub struct Night {
     pub created: String,
     /// Whether some of its numbers were made up by the `fake` provider.
     pub is_simulated: bool,
-    /// What was declared to matter, in metres.
-    pub matters_m: Option<f64>,
+    /// The equivalence margin that was declared, in metres; `report/night.json` has it under the name that it had.
+    #[serde(rename = "matters_m")]
+    pub equivalence_margin_m: Option<f64>,
     /// By slug.
     pub scenarios: BTreeMap<String, Measured>,
 }
@@ -137,18 +136,18 @@ impl Measured {
 }
 
 impl Night {
+    /// The day of the week on which it was asked for, in UTC, from 0 (Thursday) to 6.
+    pub(super) fn weekday(&self) -> Option<usize> {
+        let created = humantime::parse_rfc3339(&self.created).ok()?;
+        let since = created.duration_since(std::time::UNIX_EPOCH).ok()?;
+        Some((since.as_secs() / 86_400 % 7) as usize)
+    }
+
     /// That of a run and its packets, in the metric that its own settings ask for.
-    ///
-    /// # Errors
-    /// When its journal cannot be read.
-    pub fn of(run: &Run, traffic: &Traffic) -> Result<Self, ReadError> {
+    #[must_use]
+    pub fn of(run: &Run, traffic: &Traffic) -> Self {
         let settings = &run.manifest.report;
         let samples = samples(run, settings);
-        let journals = run
-            .parts
-            .iter()
-            .map(|part| Journal::read(&part.directory.journal()));
-        let provisioning = provisioning(&journals.collect::<Result<Vec<_>, _>>()?);
         let mut scenarios = BTreeMap::new();
         for scenario in &run.scenarios {
             let planned = &scenario.planned;
@@ -169,8 +168,11 @@ impl Night {
                 .flat_map(|found| &found.windows)
                 .filter_map(delay_s);
             values.insert(Metric::PacketDelay, delays.collect());
-            let made = provisioning.get(&planned.slug).cloned().unwrap_or_default();
-            values.insert(Metric::Provisioning, made);
+            let took = scenario
+                .made
+                .iter()
+                .filter_map(|made| seconds_between(made.begun.as_deref()?, &made.done));
+            values.insert(Metric::Provisioning, took.collect());
             scenarios.insert(
                 planned.slug.clone(),
                 Measured {
@@ -181,13 +183,13 @@ impl Night {
                 },
             );
         }
-        Ok(Self {
+        Self {
             run: run.manifest.run.clone(),
             created: run.manifest.created.clone(),
             is_simulated: run.scenarios.iter().any(ScenarioRun::is_simulated),
-            matters_m: settings.matters.map(|matters| matters.metres()),
+            equivalence_margin_m: settings.equivalence_margin.map(Length::metres),
             scenarios,
-        })
+        }
     }
 }
 
@@ -245,39 +247,6 @@ fn delay_s(window: &WindowTraffic) -> Option<f64> {
         (sum + spread.mean_s * spread.count as f64, count + spread.count)
     });
     (count > 0).then(|| sum / count as f64)
-}
-
-/// How long each environment took to be made, in seconds, by scenario.
-fn provisioning(journals: &[Journal]) -> BTreeMap<String, Vec<f64>> {
-    let mut begun = BTreeMap::new();
-    let mut took = BTreeMap::<String, Vec<f64>>::new();
-    for entry in journals.iter().flat_map(|journal| &journal.entries) {
-        match &entry.event {
-            Event::EnvironmentCreating { environment, .. } => {
-                begun.insert(environment, &entry.at);
-            }
-            Event::EnvironmentCreated {
-                scenario,
-                environment,
-                ..
-            } => {
-                let seconds = begun
-                    .get(environment)
-                    .and_then(|at| seconds_between(at, &entry.at));
-                took.entry(scenario.clone()).or_default().extend(seconds);
-            }
-            _ => {}
-        }
-    }
-    took
-}
-
-/// As the journal has it, RFC 3339.
-fn seconds_between(from: &str, to: &str) -> Option<f64> {
-    let time = |at: &str| humantime::parse_rfc3339(at).ok();
-    // A clock that was put back between says nothing.
-    let took = time(to)?.duration_since(time(from)?).ok()?;
-    Some(took.as_secs_f64())
 }
 
 #[cfg(test)]

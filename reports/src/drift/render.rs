@@ -84,14 +84,19 @@ impl Finding {
 
     /// Why it is not told of, if it is not.
     fn silence(&self) -> Option<String> {
-        match (&self.acknowledged, self.immaterial) {
-            (Some(known), _) => Some(format!(
+        if let Some(known) = &self.acknowledged {
+            return Some(format!(
                 "acknowledged by {} until {}: {}",
                 known.person, known.expires, known.reason
-            )),
-            (None, true) => Some("less than what was declared to matter".to_owned()),
-            (None, false) => None,
+            ));
         }
+        if let Some(run) = &self.withdrawn {
+            return Some(format!(
+                "withdrawn with {run}: the nights since are nearer to the level before"
+            ));
+        }
+        self.immaterial
+            .then(|| "less than what was declared to matter".to_owned())
     }
 }
 

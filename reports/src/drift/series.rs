@@ -3,9 +3,10 @@
 use std::collections::BTreeSet;
 
 use record::run_directory::Difference;
+use statistics::effect::median;
 
 use super::{Acknowledgements, Judgement, Metric, MissingData, Night, Verdict, night::Measured};
-use crate::{analysis::fields::differing, statistics::effect::median};
+use crate::analysis::fields::differing;
 
 /// What one scenario and metric came to, night after night.
 #[derive(Debug, Clone, PartialEq)]
@@ -24,6 +25,8 @@ pub struct Series<'a> {
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) struct Point<'a> {
     pub run: &'a str,
+    /// Its place among all nights.
+    pub night: usize,
     pub level: f64,
     pub measured: &'a Measured,
 }
@@ -126,10 +129,11 @@ fn not_in<'a>(newest: &Night, earlier: &'a [Night]) -> Vec<&'a str> {
 impl<'a> Series<'a> {
     fn of(nights: &'a [Night], scenario: &str, metric: Metric) -> Self {
         let measured = |night: &'a Night| night.scenarios.get(scenario);
-        let points = nights.iter().filter_map(|night| {
+        let points = nights.iter().enumerate().filter_map(|(place, night)| {
             let measured = measured(night)?;
             Some(Point {
                 run: &night.run,
+                night: place,
                 level: measured.level(metric)?,
                 measured,
             })
@@ -153,10 +157,6 @@ impl<'a> Series<'a> {
         let first = run.and_then(|run| self.points.iter().position(|point| point.run == run));
         self.points.drain(..first.unwrap_or(0));
         self
-    }
-
-    pub(super) fn levels(&self) -> Vec<f64> {
-        self.points.iter().map(|point| point.level).collect()
     }
 }
 

@@ -2,12 +2,12 @@
 
 use std::collections::BTreeMap;
 
-use record::run_directory::EnvironmentRecord;
+use record::run_directory::{EnvironmentRecord, RecordedPlatform};
 use rstest::rstest;
 use serde_json::json;
+use statistics::noise_model::Noise;
 
 use super::{night::Measured, *};
-use crate::statistics::noise_model::Noise;
 
 const SCENARIO: &str = "x86_64-debian-12-docker";
 
@@ -15,6 +15,11 @@ const SCENARIO: &str = "x86_64-debian-12-docker";
 const USUAL_M: f64 = 0.2;
 /// By how much nights differ anyway.
 const SPREAD_M: f64 = 0.001;
+
+/// A platform of which only the kernel is known.
+fn kernel(release: &str) -> Option<RecordedPlatform> {
+    serde_json::from_value(json!({"kernel": release})).unwrap()
+}
 
 /// A night with four windows around that level.
 fn night(number: usize, level_m: f64) -> Night {
@@ -24,7 +29,7 @@ fn night(number: usize, level_m: f64) -> Night {
         provider: "docker".to_owned(),
         host: "lab".to_owned(),
         facts: serde_json::Map::new(),
-        platform: Some(json!({"kernel": "6.1"})),
+        platform: kernel("6.1"),
     };
     let measured = Measured {
         configuration: json!({"settings": {"rate": "50Hz"}, "workload_sha256": "aa"}),
@@ -36,7 +41,7 @@ fn night(number: usize, level_m: f64) -> Night {
         run: format!("night-{number:03}"),
         created: format!("2026-{:02}-{:02}T02:00:00.000Z", 1 + number / 28, 1 + number % 28),
         is_simulated: false,
-        matters_m: None,
+        equivalence_margin_m: None,
         scenarios: BTreeMap::from([(SCENARIO.to_owned(), measured)]),
     }
 }
@@ -134,7 +139,13 @@ fn one_night_far_off_is_told_once() {
             matches!(judgement.verdict, Verdict::NoDrift { .. }),
             "{newest}: {judgement:?}"
         );
+        let [finding] = &judgement.findings[..] else {
+            panic!("it stays said that it was told: {judgement:?}")
+        };
+        assert_eq!(finding.withdrawn.as_deref(), Some("night-031"));
     }
+    let text = history::judge(&all, &Settings::default()).text();
+    assert!(text.contains("withdrawn with night-031"), "{text}");
 }
 
 #[test]
@@ -148,8 +159,8 @@ fn what_goes_up_by_little_each_night_is_found_as_a_slope() {
 }
 
 #[test]
-fn a_small_jump_is_found_by_its_change_point() {
-    let judgement = judged(&nights(60, 8, |number| {
+fn a_small_jump_is_found_after_some_nights() {
+    let judgement = judged(&nights(60, 6, |number| {
         USUAL_M + if number >= 30 { 0.003 } else { 0.0 }
     }));
     let [finding] = &judgement.findings[..] else {
@@ -225,12 +236,12 @@ fn a_change_of_what_was_asked_for_is_told_from_one_of_what_it_runs_on() {
     assert_eq!(
         jump_with(|measured| {
             measured.configuration["workload_sha256"] = json!("bb");
-            measured.environment.as_mut().unwrap().platform = Some(json!({"kernel": "6.12"}));
+            measured.environment.as_mut().unwrap().platform = kernel("6.12");
         }),
         Cause::Configuration(vec!["workload_sha256".to_owned()])
     );
     let Cause::Infrastructure(differences) = jump_with(|measured| {
-        measured.environment.as_mut().unwrap().platform = Some(json!({"kernel": "6.12"}));
+        measured.environment.as_mut().unwrap().platform = kernel("6.12");
     }) else {
         panic!("it is the infrastructure")
     };
@@ -326,12 +337,14 @@ fn nights_after_a_change_that_is_known_are_seldom_called_another() {
         let all = nights(40, seed, |number| {
             USUAL_M + if number >= 20 { 0.012 } else { 0.0 }
         });
-        told += (21..40)
-            .filter(|newest| judged_with(&all[..=*newest], &known).verdict == Verdict::Drift)
+        let findings = judged_with(&all, &known).findings;
+        told += findings
+            .iter()
+            .filter(|finding| finding.since.as_str() > "night-020")
             .count();
     }
-    // 950 nights, of which one in a hundred may be called so.
-    assert!(told <= 10, "{told}");
+    // 950 nights, in each of which one in a hundred may be told of: 99.9 % of a Poisson of 9.5 lies below 20.
+    assert!(told < 20, "{told}");
 }
 
 #[test]
@@ -410,7 +423,7 @@ fn a_change_that_does_not_matter_is_no_drift() {
     let judgement = judged_with(
         &all,
         &Settings {
-            matters_m: Some(0.05),
+            equivalence_margin_m: Some(0.05),
             ..Settings::default()
         },
     );
@@ -521,12 +534,13 @@ fn drift_anywhere_is_the_verdict_and_no_drift_only_if_nothing_else_is() {
     }
 }
 
-/// The shares of histories in which drift is told on their last night.
+/// The shares of histories in which something is told on their last night that was not before.
 fn told(histories: u64, count: usize, settings: &Settings, level_m: impl Fn(usize) -> f64) -> f64 {
     let told = (0..histories)
         .filter(|seed| {
             let all = nights(count, 1000 + seed, &level_m);
-            judged_with(&all, settings).verdict == Verdict::Drift
+            let findings = |nights: &[Night]| judged_with(nights, settings).findings.len();
+            findings(&all) > findings(&all[..count - 1])
         })
         .count();
     told as f64 / histories as f64
@@ -550,12 +564,85 @@ fn false_findings_are_as_seldom_as_asked_for_and_what_was_said_to_be_found_is() 
 }
 
 #[test]
+fn a_slope_that_was_acknowledged_is_not_told_again() {
+    let all = nights(90, 3, |number| USUAL_M + 0.000_1 * number as f64);
+    let told = judged(&all[..60]);
+    let [slope] = &told.findings[..] else {
+        panic!("{told:?}")
+    };
+    let mut settings = known(Baseline::Keep, "2027-01-01");
+    slope
+        .since
+        .clone_into(&mut settings.acknowledgements.acknowledged[0].since);
+    for newest in 60..=90 {
+        let judgement = judged_with(&all[..newest], &settings);
+        assert_ne!(judgement.verdict, Verdict::Drift, "{newest}: {judgement:?}");
+    }
+}
+
+#[rstest]
+#[case(0.001)]
+#[case(0.001_5)]
+#[case(0.002)]
+#[case(0.003)]
+fn a_jump_that_was_told_is_told_each_night_until_it_is_acknowledged(#[case] jump_m: f64) {
+    for seed in 0..5 {
+        let all = nights(100, 70 + seed, |number| {
+            USUAL_M + if number >= 60 { jump_m } else { 0.0 }
+        });
+        let findings = |newest: usize| {
+            let mut findings = judged(&all[..newest]).findings;
+            findings.retain(|finding| finding.since.as_str() > "night-050");
+            findings
+        };
+        let is_told = |newest: &usize| findings(*newest).iter().any(Finding::is_news);
+        let Some(first) = (61..=100).find(is_told) else {
+            continue;
+        };
+        for newest in first..=100 {
+            let is_withdrawn = findings(newest).iter().any(|finding| finding.withdrawn.is_some());
+            assert!(is_told(&newest) || is_withdrawn, "seed {seed}, night {newest}");
+        }
+
+        // As it is named in the night in which it is told, whatever its place is called later.
+        let mut settings = known(Baseline::Keep, "2027-01-01");
+        let named = findings(first).last().unwrap().since.clone();
+        settings.acknowledgements.acknowledged[0].since = named;
+        let again = (first..=100).find(|newest| {
+            let judgement = judged_with(&all[..*newest], &settings);
+            let is_of_it = |finding: &&Finding| finding.is_news() && finding.since.as_str() > "night-050";
+            judgement.findings.iter().any(|finding| is_of_it(&finding))
+        });
+        assert_eq!(again, None, "seed {seed}");
+    }
+}
+
+#[test]
+fn nights_that_resemble_each_other_are_remarked_on() {
+    let alike = history::judge(&nights(120, 1, |_| USUAL_M), &Settings::default());
+    assert!(alike.remarks.is_empty(), "{alike:?}");
+    let levels = Noise::new(5).ar1(120, 0.7);
+    let all: Vec<Night> = levels
+        .iter()
+        .enumerate()
+        .map(|(number, level)| night(number, USUAL_M + SPREAD_M * level))
+        .collect();
+    let drift = history::judge(&all, &Settings::default());
+    assert!(
+        drift
+            .remarks
+            .iter()
+            .any(|remark| remark.contains("resembles the one before")),
+        "{drift:?}"
+    );
+}
+
+#[test]
 fn what_a_host_says_of_itself_mentions_nobody_in_a_chat() {
     let mut all = nights(40, 5, |number| USUAL_M + if number >= 20 { 0.012 } else { 0.0 });
     for night in &mut all[20..] {
         let measured = night.scenarios.get_mut(SCENARIO).unwrap();
-        measured.environment.as_mut().unwrap().platform =
-            Some(json!({"kernel": "<!channel> & <https://evil|here>"}));
+        measured.environment.as_mut().unwrap().platform = kernel("<!channel> & <https://evil|here>");
     }
     let body = history::judge(&all, &Settings::default()).webhook();
     let text = body["text"].as_str().unwrap();
@@ -581,7 +668,7 @@ fn what_is_printed_says_what_changed_and_with_what() {
     }
     for night in &mut all[20..] {
         let measured = night.scenarios.get_mut(SCENARIO).unwrap();
-        measured.environment.as_mut().unwrap().platform = Some(json!({"kernel": "6.12"}));
+        measured.environment.as_mut().unwrap().platform = kernel("6.12");
     }
     let drift = history::judge(&all, &Settings::default());
     insta::assert_snapshot!("text", drift.text());

@@ -1,27 +1,23 @@
 //! One run as it was measured: every scenario of the plan with how it ended and the windows it left. The main type is
 //! [`Run`]; [`load`] reads it from its directory, and nothing after that touches the disk.
 
-use std::{
-    collections::{BTreeMap, BTreeSet},
-    path::Path,
-};
+use std::{collections::BTreeSet, path::Path};
 
 use rayon::prelude::*;
 use record::{
     causes::with_causes,
     layout,
-    progress::Progress,
     report_settings::ErrorOf,
     run_directory::{
-        ControlTrace, EnvironmentRecord, Event, Expected, Journal, LogError, Manifest, Outcome, Place,
-        PlannedScenario, PlantTrace, ReadError, Revision, RunDirectory, RunRecords, ScenarioChecksums,
-        read_environment, read_window,
+        BrokenWindow, ControlTrace, EnvironmentRecord, Expected, Journal, LogError, MadeEnvironment,
+        Manifest, NotWhole, Outcome, Place, PlannedScenario, PlantTrace, ReadError, Revision, RoundState,
+        RunDirectory, RunRecords, ScenarioState, read_environment, read_whole_record,
     },
     settings::Settings,
     window::{Verdict, WindowRecord},
 };
 
-use crate::redaction::REMARK;
+use crate::{input::overheads, redaction::REMARK};
 
 /// Everything that a report is made of.
 #[derive(Debug, Clone, PartialEq)]
@@ -93,6 +89,8 @@ pub struct ScenarioRun {
     pub ending: Ending,
     /// The providers of its environments, as the journal and `environment.json` name them.
     pub providers: BTreeSet<String>,
+    /// Its environments that were made, as the journal has them.
+    pub made: Vec<MadeEnvironment>,
     /// Its last environment's record, if it came so far.
     pub environment: Option<EnvironmentRecord>,
     /// Why that record cannot be read, if it is there and cannot.
@@ -101,6 +99,9 @@ pub struct ScenarioRun {
     pub windows: Vec<Window>,
     /// What broke on the way, whether or not it was measured again.
     pub broken: Vec<BrokenWindow>,
+    /// How long each environment took beyond its windows, in seconds: being made, connected, collected and removed. Of those alone
+    /// that measured to their end in one go.
+    pub overheads_s: Vec<f64>,
 }
 
 /// How a scenario ended.
@@ -183,17 +184,6 @@ pub enum MissingWindow {
     Lost,
 }
 
-/// A window that broke, kept aside.
-#[derive(Debug, Clone, PartialEq, Eq)]
-pub struct BrokenWindow {
-    /// Its number.
-    pub window: u32,
-    /// The environment that measured it.
-    pub environment: String,
-    /// Why.
-    pub reason: String,
-}
-
 impl ScenarioRun {
     /// Whether its numbers were made up by its provider.
     #[must_use]
@@ -239,21 +229,28 @@ pub fn load_by(path: &Path, error: Option<ErrorOf>) -> Result<Run, ReadError> {
         manifest,
         plan,
         journal,
-        checksums,
+        mut state,
     } = RunRecords::read(&directory)?;
     let error = error.unwrap_or(manifest.report.error);
-    let mut histories = histories(&journal);
-    let with_history = |planned: PlannedScenario| {
-        let history = histories.remove(&planned.slug).unwrap_or_default();
-        (planned, history)
+    let mut stays = overheads::stays(&journal);
+    let with_state = |planned: PlannedScenario| {
+        let state = state.scenarios.remove(&planned.slug).unwrap_or_default();
+        let stays = stays.remove(&planned.slug).unwrap_or_default();
+        let overheads = stays.iter().map(|stay| stay.overhead_s(&planned.settings));
+        let overheads_s = overheads.collect();
+        (planned, state, overheads_s)
     };
-    let scenarios: Vec<(PlannedScenario, History)> = plan.scenarios.into_iter().map(with_history).collect();
+    let scenarios: Vec<(PlannedScenario, ScenarioState, Vec<f64>)> =
+        plan.scenarios.into_iter().map(with_state).collect();
     // Of two that are at fault always the first is told, whichever is read first.
     let scenarios: Vec<Result<ScenarioRun, ReadError>> = scenarios
         .into_par_iter()
-        .map(|(planned, history)| {
-            let checksums = checksums.scenario(&planned.slug);
-            load_scenario(&directory, planned, history, &checksums, error)
+        .map(|(planned, state, overheads_s)| {
+            let scenario = load_scenario(&directory, planned, state, error)?;
+            Ok(ScenarioRun {
+                overheads_s,
+                ..scenario
+            })
         })
         .collect();
     let scenarios: Vec<ScenarioRun> = scenarios.into_iter().collect::<Result<_, _>>()?;
@@ -269,84 +266,16 @@ pub fn load_by(path: &Path, error: Option<ErrorOf>) -> Result<Run, ReadError> {
     })
 }
 
-/// What the journal says of one scenario.
-#[derive(Default)]
-struct History {
-    ending: Option<Ending>,
-    providers: BTreeSet<String>,
-    broken: Vec<BrokenWindow>,
-    /// Windows that were measured or collected.
-    windows: BTreeMap<u32, MissingWindow>,
-}
-
-fn histories(journal: &Journal) -> BTreeMap<String, History> {
-    let mut histories: BTreeMap<String, History> = BTreeMap::new();
-    for entry in &journal.entries {
-        match entry.event.clone() {
-            Event::ScenarioStarted { scenario, .. } => {
-                histories.entry(scenario).or_default().ending = Some(Ending::Unfinished);
-            }
-            Event::EnvironmentCreating {
-                scenario, provider, ..
-            } => {
-                histories.entry(scenario).or_default().providers.insert(provider);
-            }
-            Event::WindowBroken {
-                scenario,
-                environment,
-                window,
-                reason,
-            } => {
-                let broken = BrokenWindow {
-                    window,
-                    environment,
-                    reason,
-                };
-                let history = histories.entry(scenario).or_default();
-                history.broken.push(broken);
-                history.windows.remove(&window);
-            }
-            Event::Workload {
-                scenario,
-                progress: Progress::WindowComplete { window, .. },
-            } => {
-                let history = histories.entry(scenario).or_default();
-                history.windows.insert(window, MissingWindow::NotCollected);
-            }
-            Event::WindowCollected { scenario, window, .. } => {
-                let history = histories.entry(scenario).or_default();
-                history.windows.insert(window, MissingWindow::Lost);
-            }
-            Event::ScenarioFinished {
-                scenario,
-                outcome,
-                reason,
-                hint,
-            } => {
-                let ending = Ending::Ended {
-                    outcome,
-                    reason,
-                    hint,
-                };
-                histories.entry(scenario).or_default().ending = Some(ending);
-            }
-            _ => {}
-        }
-    }
-    histories
-}
-
 fn load_scenario(
     directory: &RunDirectory,
     planned: PlannedScenario,
-    history: History,
-    checksums: &ScenarioChecksums,
+    journaled: ScenarioState,
     error: ErrorOf,
 ) -> Result<ScenarioRun, ReadError> {
     let environment = directory.environment(&planned.slug);
-    let read = || read_environment(&environment, checksums.environments());
+    let read = || read_environment(&environment, journaled.environment_sha256s());
     // One that the journal has and that is gone is an error to read, and so is remarked on.
-    let is_expected = environment.exists() || checksums.environments().next().is_some();
+    let is_expected = environment.exists() || journaled.environment_sha256s().next().is_some();
     let (environment, unknown) = match is_expected.then(read) {
         None => (None, None),
         Some(Ok(environment)) => (Some(environment), None),
@@ -354,16 +283,20 @@ fn load_scenario(
         // What is not known of a platform must not cost what was measured on it.
         Some(Err(error)) => (None, Some(with_causes(&error))),
     };
-    let ending = ending(&planned, history.ending);
+    let ending = ending(&planned, &journaled);
     let measured = !matches!(ending, Ending::Infeasible { .. } | Ending::NotSelected { .. });
-    let wanted = if measured { planned.settings.windows } else { 0 };
+    let wanted = if measured {
+        planned.settings.all_windows()
+    } else {
+        0
+    };
     let windows = (1..=wanted)
         .map(|number| {
             let folder = directory.window(&planned.slug, number);
             let state = match folder.exists() {
-                true => load_window(&folder, &planned, number, checksums.window(number), error)?,
+                true => load_window(&folder, &planned, number, journaled.window_sha256(number), error)?,
                 false => WindowState::Missing {
-                    known: history.windows.get(&number).copied().unwrap_or_default(),
+                    known: missing(&journaled, number),
                 },
             };
             Ok(Window {
@@ -373,7 +306,7 @@ fn load_scenario(
             })
         })
         .collect::<Result<_, ReadError>>()?;
-    let mut providers = history.providers;
+    let mut providers = journaled.providers;
     providers.extend(environment.as_ref().map(|record| record.provider.clone()));
     Ok(ScenarioRun {
         planned,
@@ -382,7 +315,9 @@ fn load_scenario(
         environment,
         unknown,
         windows,
-        broken: history.broken,
+        made: journaled.made,
+        broken: journaled.broken,
+        overheads_s: Vec::new(),
     })
 }
 
@@ -393,7 +328,7 @@ fn first_step(record: &WindowRecord, settings: &Settings) -> Option<u64> {
     (record.controller.lost_ticks > 0).then(|| started_ns / step_ns.max(1))
 }
 
-fn ending(planned: &PlannedScenario, journaled: Option<Ending>) -> Ending {
+fn ending(planned: &PlannedScenario, journaled: &ScenarioState) -> Ending {
     if !planned.feasible {
         let reason = planned
             .reason
@@ -404,12 +339,55 @@ fn ending(planned: &PlannedScenario, journaled: Option<Ending>) -> Ending {
             fix: planned.fix.clone(),
         };
     }
-    match (&planned.not_selected, journaled) {
-        (_, Some(ending)) => ending,
-        (Some(reason), None) => Ending::NotSelected {
+    match (of_rounds(planned, journaled), &planned.not_selected) {
+        (Some(ending), _) => ending,
+        (None, Some(reason)) => Ending::NotSelected {
             reason: reason.clone(),
         },
         (None, None) => Ending::NotStarted,
+    }
+}
+
+/// How a scenario ended, by how each of its rounds did: as the one that ended worst, which is named where there are several. None
+/// where none was begun.
+fn of_rounds(planned: &PlannedScenario, journaled: &ScenarioState) -> Option<Ending> {
+    let rank = |state: &RoundState| match state.outcome {
+        None => 0,
+        Some(Outcome::Interrupted) => 1,
+        Some(Outcome::Errored) => 2,
+        Some(Outcome::Failed) => 3,
+        Some(Outcome::Completed) => 4,
+    };
+    let begun = |state: &RoundState| state.started || state.outcome.is_some();
+    let rounds = journaled.rounds.iter().filter(|(_, state)| begun(state));
+    let (round, worst) = rounds.min_by_key(|(_, state)| rank(state))?;
+    let all_begun = planned
+        .rounds()
+        .all(|round| journaled.rounds.get(&round).is_some_and(begun));
+    let several = planned.settings.environments > 1;
+    Some(match worst.outcome {
+        None => Ending::Unfinished,
+        Some(Outcome::Completed) if !all_begun => Ending::Unfinished,
+        Some(outcome) => Ending::Ended {
+            outcome,
+            reason: worst.reason.clone().map(|reason| match several {
+                true => format!("environment {round}: {reason}"),
+                false => reason,
+            }),
+            hint: worst.hint.clone(),
+        },
+    })
+}
+
+/// What the journal says of a window that is not there.
+fn missing(journaled: &ScenarioState, window: u32) -> MissingWindow {
+    match (
+        journaled.collected.contains_key(&window),
+        journaled.completed.contains(&window),
+    ) {
+        (true, _) => MissingWindow::Lost,
+        (false, true) => MissingWindow::NotCollected,
+        (false, false) => MissingWindow::NotMeasured,
     }
 }
 
@@ -421,29 +399,12 @@ fn load_window(
     error: ErrorOf,
 ) -> Result<WindowState, ReadError> {
     let broken = |reason: String| Ok(WindowState::Broken { reason });
-    let about = folder.join(layout::WINDOW);
-    if !about.exists() {
-        return broken("window.json is missing, so it was never finished".to_owned());
-    }
-    let record = match read_window(folder, sha256) {
-        Err(ReadError::Impossible { source, .. }) => {
-            return broken(format!("window.json cannot be what was measured: {source}"));
-        }
-        Err(ReadError::Damaged { how, .. }) => return broken(format!("window.json is damaged: {how}")),
-        Err(ReadError::Json { source, .. }) => {
-            return broken(format!("window.json cannot be understood: {source}"));
-        }
-        read => read?,
+    // Of the files beside it, those that are read are looked at as they are read.
+    let record = match read_whole_record(folder, number, sha256) {
+        Ok(record) => record,
+        Err(NotWhole::Broken(reason)) => return broken(reason),
+        Err(NotWhole::Replaced(error) | NotWhole::Unreadable(error)) => return Err(error),
     };
-    if record.window != number {
-        return broken(format!("window.json is that of window {}", record.window));
-    }
-    if !record.complete {
-        return broken(format!(
-            "{} of {} steps were done",
-            record.steps_done, record.steps_expected
-        ));
-    }
     if record.verdict == Verdict::Invalid {
         return Ok(WindowState::Invalid {
             record: Box::new(record),

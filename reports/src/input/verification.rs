@@ -8,8 +8,8 @@ use record::{
     causes::with_causes,
     layout,
     run_directory::{
-        Kind, NotWhole, Place, ReadError, RunDirectory, RunRecords, ScenarioChecksums, read_environment,
-        read_window, see_that_file_is_whole,
+        Kind, NotWhole, Place, ReadError, RunDirectory, RunRecords, ScenarioState, ensure_file_is_whole,
+        read_environment, read_window,
     },
 };
 
@@ -46,13 +46,13 @@ pub fn verify(directory: &RunDirectory) -> Result<Verification, ReadError> {
         .to_vec();
     let mut windows = Vec::new();
     for planned in &records.plan.scenarios {
-        let known = records.checksums.scenario(&planned.slug);
+        let known = records.state.scenario(&planned.slug);
         let folder = directory.scenario(&planned.slug);
         looks.extend(environments(&folder).map(|place| {
-            let read = read_environment(&place, known.environments()).map(drop);
+            let read = read_environment(&place, known.environment_sha256s()).map(drop);
             Look::at(place, read.map_err(|error| with_causes(&error)))
         }));
-        let numbers = 1..=planned.settings.windows;
+        let numbers = 1..=planned.settings.all_windows();
         windows
             .extend(numbers.map(|number| (directory.window(&planned.slug, number), number, known.clone())));
     }
@@ -84,8 +84,8 @@ fn environments(scenario: &Place) -> impl Iterator<Item = Place> {
     entries.filter(is_one).map(|(place, _)| place)
 }
 
-fn looks_at_window(folder: &Place, number: u32, known: &ScenarioChecksums) -> Vec<Look> {
-    let sha256 = known.window(number);
+fn looks_at_window(folder: &Place, number: u32, known: &ScenarioState) -> Vec<Look> {
+    let sha256 = known.window_sha256(number);
     if !folder.exists() {
         // One that nobody has collected is only missing.
         let lost = sha256.map(|_| "it is not there, and events.jsonl says that it was collected".to_owned());
@@ -96,7 +96,7 @@ fn looks_at_window(folder: &Place, number: u32, known: &ScenarioChecksums) -> Ve
     match read_window(folder, sha256) {
         Ok(read) => {
             let files = read.files.iter().map(|file| {
-                let whole = see_that_file_is_whole(folder, file).map_err(NotWhole::reason);
+                let whole = ensure_file_is_whole(folder, file).map_err(NotWhole::reason);
                 Look::at(folder.join(&file.name), whole)
             });
             std::iter::once(Look::at(record, Ok(()))).chain(files).collect()

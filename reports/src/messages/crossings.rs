@@ -1,8 +1,8 @@
-//! Segments as they pass one capture: in which order, and whether one was sent again. The main type is [`Crossings`].
+//! Segments as they pass one capture: in which order, and whether one was retransmitted. The main type is [`Crossings`].
 
 use std::collections::VecDeque;
 
-use crate::input::packets::{Coming, Departure, Furthest, Passage};
+use captures::packets::{Coming, Departure, Furthest, Passage};
 
 /// More than this many segments that nobody asks about any more are not kept: a direction whose acknowledgements the
 /// capture does not have.

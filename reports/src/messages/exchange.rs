@@ -3,10 +3,10 @@
 
 use std::{collections::HashMap, net::Ipv4Addr};
 
+use captures::packets::{Packet, Segment, Topic};
 use record::{settings::Messages, virtual_host::VirtualHost};
 
 use super::flow::{Delivery, Flow};
-use crate::input::packets::{Packet, Segment, Topic};
 
 /// How often connections that have gone silent are looked for.
 const SWEEP_EVERY_NS: i64 = 1_000_000_000;

@@ -3,8 +3,8 @@
 //!
 //! ```text
 //! sender's capture    segments -> content, up to what is acknowledged -> messages
-//!                     segments -> when each byte was first on the wire, what was sent again
-//! receiver's capture  segments -> when each byte had arrived, duplicates, what was overtaken
+//!                     segments -> when each byte was first on the wire, retransmissions
+//! receiver's capture  segments -> when each byte had arrived, duplicates, what was reordered
 //! ```
 //!
 //! A stream is taken as far as the sender saw it acknowledged: by then every byte has passed its capture, whatever order
@@ -13,6 +13,7 @@
 
 use std::collections::VecDeque;
 
+use captures::packets::{Passage, Segment, Topic, count_on};
 use record::settings::Messages;
 
 use super::{
@@ -20,7 +21,6 @@ use super::{
     frames::{Found, FrameFinder, Label},
     spans::Spans,
 };
-use crate::input::packets::{Passage, Segment, Topic, count_on};
 
 /// How long after it was acknowledged a message waits for duplicates: longer than a packet can be under way.
 const LINGER_NS: i64 = 5_000_000_000;
@@ -46,7 +46,7 @@ pub(super) struct Delivery {
     pub retransmissions: u32,
     /// Segments at the receiver with none of it that had not arrived before.
     pub duplicates: u32,
-    /// Whether some of it was overtaken by a segment that was sent later.
+    /// Whether some of it arrived after a segment that was sent later.
     pub reordered: bool,
 }
 
@@ -239,8 +239,8 @@ impl Pending {
         let fresh = self
             .missing
             .remove(crossing.begin.max(self.begin), crossing.end.min(self.end));
-        let again = crossing.passage_of(self.begin) == Passage::Again;
-        self.delivery.retransmissions += u32::from(!fresh || again);
+        let retransmitted = crossing.passage_of(self.begin) == Passage::Retransmitted;
+        self.delivery.retransmissions += u32::from(!fresh || retransmitted);
         if fresh {
             self.delivery.wire_out_unix_ns = Some(crossing.at_unix_ns);
         }
@@ -256,8 +256,8 @@ impl Pending {
             return;
         }
         self.delivery.reordered |= match crossing.passage_of(self.begin) {
-            Passage::InOrder | Passage::Again => false,
-            Passage::Overtaken => true,
+            Passage::InOrder | Passage::Retransmitted => false,
+            Passage::Reordered => true,
             Passage::Late => self.delivery.retransmissions == 0,
         };
         if self.missing.is_empty() {

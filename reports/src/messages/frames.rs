@@ -6,9 +6,9 @@
 //! which one is whole: by chance bytes agree with each other in so many places next to never.
 
 use record::settings::Messages;
-use workload::experiment::message::{CommandMessage, StateMessage};
+use simulation::message::{CommandMessage, StateMessage};
 
-use crate::input::packets::Topic;
+use captures::packets::Topic;
 
 /// What a message says of itself.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -133,7 +133,7 @@ fn may_begin_text(rest: &[u8], length: usize) -> bool {
 #[cfg(test)]
 mod tests {
     use proptest::prelude::*;
-    use workload::{experiment::message::CommandEncoder, ros::float64_multi_array::Encoder};
+    use simulation::{message::CommandEncoder, ros::float64_multi_array::Encoder};
 
     use super::*;
 

@@ -3,15 +3,15 @@
 
 use std::fs::File;
 
+use captures::packets::Topic;
 use csv::ByteRecord;
 use record::{
     run_directory::{Fault, LogError, Place, ReadError},
     settings::Messages,
 };
-use workload::experiment::message::stamp_in_text;
+use simulation::message::stamp_in_text;
 
 use super::frames::Label;
-use crate::input::packets::Topic;
 
 /// A message in the log.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]

@@ -7,6 +7,7 @@ use std::{
     path::PathBuf,
 };
 
+use captures::packets::Topic;
 use polars::{
     df,
     error::{PolarsError, PolarsResult},
@@ -17,7 +18,6 @@ use polars::{
 use record::run_directory::{Place, Unfinished};
 
 use super::{exchange::Ports, frames::Label};
-use crate::input::packets::Topic;
 
 /// Rows that are gathered before they are written; also a row group of the Parquet file.
 const PIECE: usize = 1 << 16;

@@ -1,10 +1,10 @@
-//! The figures, as SVG and as PDF: the control loop, the network, an example of the test, one period of target and actual
+//! The figures, as SVG and as PDF: how large the differences are, the control loop, the network, an example of the test, one period of target and actual
 //! position, and of pairs of windows the histograms and the distribution functions. The main type is [`Figure`]; [`draw`]
 //! makes all of a report's.
 //!
 //! ```text
 //! pairs -> which windows        canvas -> a column's width, letters, axes
-//! control_loop, topology, trajectory, histogram, distributions -> Figure -> pdf, latex
+//! forest, control_loop, topology, trajectory, histogram, distributions -> Figure -> pdf, latex
 //! ```
 //!
 //! The drawings are as wide as a column of a paper and have no captions: those are text ([`Figure::caption`]), which LaTeX
@@ -13,6 +13,7 @@
 mod canvas;
 mod control_loop;
 mod distributions;
+mod forest;
 mod histogram;
 mod latex;
 mod pairs;
@@ -52,9 +53,11 @@ impl Figure {
     }
 }
 
-/// What a figure shows, in the order of the paper's figures.
+/// What a figure shows: the effects, and then what the paper's figures show in their order.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
 pub enum Kind {
+    /// The shifts of all pairs with their intervals.
+    Forest,
     /// The control loop with the network's delays.
     ControlLoop,
     /// The hosts, the switch and the links between them.
@@ -71,7 +74,8 @@ pub enum Kind {
 
 impl Kind {
     /// All of them.
-    pub const ALL: [Self; 6] = [
+    pub const ALL: [Self; 7] = [
+        Self::Forest,
         Self::ControlLoop,
         Self::Topology,
         Self::KsTest,
@@ -84,6 +88,7 @@ impl Kind {
     #[must_use]
     pub const fn prefix(self) -> &'static str {
         match self {
+            Self::Forest => "forest",
             Self::ControlLoop => "control-loop",
             Self::Topology => "topology",
             Self::KsTest => "ks-test",
@@ -99,7 +104,8 @@ impl Kind {
 /// # Errors
 /// When the drawing library fails.
 pub fn draw(run: &Run, report: &Report) -> Result<Vec<Figure>, FigureError> {
-    let mut figures = control_loop::draw(run)?;
+    let mut figures = Vec::from_iter(forest::draw(report)?);
+    figures.extend(control_loop::draw(run)?);
     figures.extend(topology::draw(run)?);
     figures.extend(distributions::example(report)?);
     for scenario in &run.scenarios {

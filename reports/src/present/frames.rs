@@ -38,7 +38,7 @@ pub(crate) fn scenarios(report: &Report) -> PolarsResult<DataFrame> {
         VIRTUALIZATION => column(report, ScenarioReport::virtualization),
         "other_axes" => column(report, other_axes),
         "platform" => column(report, ScenarioReport::platform),
-        "is_control" => column(report, |it| it.is_control),
+        "is_control" => column(report, |it| it.is_baseline),
         "simulated" => column(report, |it| it.is_simulated),
         "can_run" => column(report, ScenarioReport::can_run),
         "outcome" => column(report, |it| it.standing.name()),
@@ -107,7 +107,7 @@ pub(crate) fn counts(report: &Report) -> PolarsResult<DataFrame> {
 fn unlike(report: &Report) -> PolarsResult<DataFrame> {
     let both = || {
         report
-            .unlike
+            .setup_differences
             .iter()
             .flat_map(|it| [(&it.a, &it.b, it), (&it.b, &it.a, it)])
     };

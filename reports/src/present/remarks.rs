@@ -3,6 +3,7 @@
 use std::collections::BTreeSet;
 
 use record::family::Family;
+use statistics::ks::Procedure;
 
 use crate::{
     analysis::{
@@ -11,12 +12,13 @@ use crate::{
         report::Report,
     },
     present::figure,
-    statistics::ks::Procedure,
 };
 
 /// What a reader must know before believing the tables.
 pub(super) fn remarks(report: &Report) -> Vec<String> {
-    let mut remarks = report.reading.clone();
+    // What was chosen when the data was known is said before anything else.
+    let mut remarks = Vec::from_iter(declaration::remark(&report.declared, &report.settings));
+    remarks.extend(report.reading.iter().cloned());
     let simulated: Vec<&str> = report
         .scenarios
         .iter()
@@ -32,7 +34,8 @@ pub(super) fn remarks(report: &Report) -> Vec<String> {
             }
         ));
     }
-    remarks.extend(declaration::remark(&report.declared, &report.settings));
+    remarks.extend(dependent_values(report));
+    remarks.extend(dependent_windows(report));
     if let Some((n, m, p)) = hopeless(report) {
         remarks.push(format!(
             "With {n} and {m} values the smallest p-value is {p:.2e}, and α is {}: such windows are never told apart, \
@@ -82,7 +85,64 @@ pub(super) fn remarks(report: &Report) -> Vec<String> {
         ));
     }
     remarks.extend(unchecked_remark(report));
+    remarks.extend(one_environment_remark(report));
     remarks
+}
+
+/// That what an environment has of its own cannot be told from what its platform has.
+fn one_environment_remark(report: &Report) -> Option<String> {
+    (!report.contrasts.pairs.is_empty() && report.replicates.is_none()).then(|| {
+        "ONE ENVIRONMENT EACH: the windows of a scenario are contiguous and share its environment. A verdict holds for these \
+         environments, as they were at that time: what one boot, container or hour has of its own counts as its platform's. To test \
+         platforms, write `environments: N` below `workload:` in the matrix file, which measures each scenario in N environments made anew."
+            .to_owned()
+    })
+}
+
+/// Values within windows that are worth less than this share of so many independent ones are remarked on.
+const WORTH: f64 = 0.5;
+
+/// That values depend so much on their neighbours that the counts say little.
+fn dependent_values(report: &Report) -> Option<String> {
+    let found = report.scenarios.iter().filter_map(|scenario| {
+        let dependence = scenario.within.as_ref()?.dependence.as_ref()?;
+        Some((scenario, dependence))
+    });
+    let strong: Vec<_> = found
+        .filter(|(_, dependence)| {
+            // Of independent values the correlation is seldom further from 0 than 2.6 / √n.
+            let is_seen = dependence.lag_one() > 2.6 / (dependence.n as f64).sqrt();
+            is_seen && dependence.effective < WORTH * dependence.n as f64
+        })
+        .collect();
+    let (worst, least) = strong
+        .iter()
+        .min_by(|(_, a), (_, b)| (a.effective / a.n as f64).total_cmp(&(b.effective / b.n as f64)))?;
+    let letters: Vec<&str> = strong.iter().map(|(scenario, _)| scenario.id.as_str()).collect();
+    Some(format!(
+        "VALUES WITHIN WINDOWS DEPEND ON EACH OTHER in {}: of {} the {} values are worth {:.0} (lag 1 {:+.2}). The tests of two windows \
+         take values for independent, and so reject windows that are alike far more often than α: the counts of Tables III to V are \
+         too high. Read the verdicts, which have the window as the unit.",
+        letters.join(", "),
+        worst.id,
+        least.n,
+        least.effective,
+        least.lag_one()
+    ))
+}
+
+/// The level of the test of windows in a row: one report in a hundred without dependence has the remark.
+const SERIAL_LEVEL: f64 = 0.01;
+
+/// That successive windows resemble each other, so that windows are no independent measurements either.
+fn dependent_windows(report: &Report) -> Option<String> {
+    let serial = report.contrasts.serial.filter(|serial| serial.p < SERIAL_LEVEL)?;
+    Some(format!(
+        "SUCCESSIVE WINDOWS RESEMBLE EACH OTHER: over all scenarios, {} windows correlate with the next one by {:+.2} (p = {:.4}), as where \
+         a machine drifts or remembers. Every p-value and interval here takes windows for independent, and is then too small or too short. Measure \
+         each scenario in several environments, spread over time.",
+        serial.windows, serial.lag_one, serial.p
+    ))
 }
 
 /// That nobody can say whether the run's files are as they were written.
@@ -109,25 +169,25 @@ fn unchecked_remark(report: &Report) -> Option<String> {
 fn unlike_remark(report: &Report) -> Option<String> {
     const MOST: usize = 6;
     let fields: BTreeSet<&str> = report
-        .unlike
+        .setup_differences
         .iter()
         .flat_map(|unlike| unlike.fields.iter().map(String::as_str))
         .collect();
     let fields = Vec::from_iter(fields).join(", ");
     let mut pairs: Vec<String> = report
-        .unlike
+        .setup_differences
         .iter()
         .take(MOST)
         .map(|unlike| format!("{} / {}", unlike.a, unlike.b))
         .collect();
-    if let Some(more @ 1..) = report.unlike.len().checked_sub(MOST) {
+    if let Some(more @ 1..) = report.setup_differences.len().checked_sub(MOST) {
         pairs.push(format!("{more} more"));
     }
     let family = match report.settings.family {
         Family::Pairs(_) => "`report.family` names some of them, so they are in it all the same",
         _ => "they are left out of the family; to have them in it, name them in `report.family`",
     };
-    (!report.unlike.is_empty()).then(|| {
+    (!report.setup_differences.is_empty()).then(|| {
         format!(
             "NOT THE SAME EXPERIMENT: {} differ in {fields}. What is different of them is not the platform's alone. Their \
              counts are marked with *, and {family}.",

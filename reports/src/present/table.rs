@@ -9,11 +9,15 @@ mod layers;
 mod packets;
 mod platforms;
 mod releases;
+mod replicates;
 mod schedule;
+mod shifts;
 mod within;
 mod within_scenarios;
 
 use std::collections::{BTreeMap, BTreeSet};
+
+pub(crate) use shifts::of as shifts;
 
 use record::window::Verdict;
 
@@ -29,6 +33,9 @@ use crate::{
 /// A table in no particular medium.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Table {
+    /// Its name in files, labels and anchors, such as `the-scenarios`: unique in a report, of lower-case letters, digits and
+    /// hyphens. It does not follow the title's words, because users' papers contain it.
+    pub id: String,
     /// What it shows.
     pub title: String,
     /// Its columns' headings and alignments.
@@ -51,8 +58,8 @@ pub struct Column {
 impl Table {
     /// Whether its cells count tests, so that its caption says how they were made: the paper's Tables III to V.
     pub(crate) fn has_counts(&self) -> bool {
-        let numbers = ["Table III.", "Table IV.", "Table V"];
-        numbers.iter().any(|number| self.title.starts_with(number))
+        [within_scenarios::ID, platforms::ID].contains(&self.id.as_str())
+            || self.id.starts_with(against_controls::IDS)
     }
 }
 
@@ -90,6 +97,7 @@ pub(crate) fn of_the_paper(report: &Report) -> Result<Vec<Table>, FrameError> {
 /// What stands beside them.
 pub(crate) fn beside(report: &Report) -> Vec<Table> {
     let mut tables = Vec::from_iter(conclusions::of(report));
+    tables.extend(replicates::of(report));
     tables.extend(contrasts::of(report));
     tables.extend(differences::of(report));
     tables.push(within::of(report));
@@ -145,11 +153,11 @@ fn clipped_to(name: &str, width: usize) -> String {
     clipped
 }
 
-fn no_control(report: &Report) -> String {
-    let axes = report.settings.control.iter();
+fn no_baseline(report: &Report) -> String {
+    let axes = report.settings.baseline.iter();
     let axes: Vec<String> = axes.map(|(axis, value)| format!("{axis}: {value}")).collect();
     format!(
-        "no scenario is what `report.control` asks for ({})",
+        "no scenario is what `report.baseline` asks for ({})",
         axes.join(", ")
     )
 }

@@ -39,6 +39,7 @@ impl Report {
             Verdict::DifferMaterially,
             Verdict::DifferByUnknown,
         ]);
+        let level_open = of(&[Verdict::DifferLevelOpen]);
         let immaterial = of(&[Verdict::Immaterial]);
         let open = of(&[Verdict::NotToldApart]);
         let hopeless = of(&[Verdict::CannotTell]);
@@ -53,6 +54,10 @@ impl Report {
         let mut parts = Vec::new();
         for (found, what) in [
             (&differ, "differ"),
+            (
+                &level_open,
+                "differ, and it is open whether in the mean or in the spread of their windows alone",
+            ),
             (
                 &immaterial,
                 "differ by no more than what is declared not to matter",

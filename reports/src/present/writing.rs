@@ -116,7 +116,7 @@ pub fn write(run: &Run, report: &Report) -> Result<(), WriteError> {
     let tables = Path::new(TABLES);
     for table in page.latex_tables() {
         let text = format!("{TABLE_OF_OURS}\n{}", table.file());
-        files.push((tables.join(table.name).with_extension("tex"), whole(text)));
+        files.push((tables.join(format!("{}.tex", table.name)), whole(text)));
     }
     let written: BTreeSet<Place> = files.iter().map(|(name, _)| folder.join(name)).collect();
 

@@ -2,14 +2,15 @@
 
 use std::{error::Error, fs, path::Path};
 
+use captures::traffic::Traffic;
 use record::{
     progress::Progress,
-    run_directory::{Event, ReadError},
+    run_directory::{Event, Outcome, ReadError},
     window::Verdict,
 };
 use reports::{
     Run, analyse,
-    input::{run::WindowState, traffic::Traffic},
+    input::run::{Ending, WindowState},
 };
 use rstest::rstest;
 
@@ -271,6 +272,40 @@ fn why_a_window_is_not_there_is_what_the_journal_says_of_it() {
             "it was not measured",
         ]
     );
+}
+
+#[test]
+fn a_scenario_of_which_a_collected_window_broke_after_its_end_is_unfinished() {
+    let synthetic = one_scenario();
+    let mut events = journal(&[Scenario::measured(SLUG, &[0.1])]);
+    let ended = events
+        .iter()
+        .position(|event| matches!(event, Event::ScenarioFinished { .. }));
+    let collected = Event::WindowCollected {
+        scenario: SLUG.to_owned(),
+        environment: "e-1".to_owned(),
+        window: 2,
+        verdict: Verdict::Valid,
+        sha256: None,
+    };
+    events.insert(ended.unwrap(), collected);
+    synthetic.write_journal(&events);
+    let ending = || load(&synthetic).unwrap().scenarios[0].ending.clone();
+    assert!(matches!(
+        ending(),
+        Ending::Ended {
+            outcome: Outcome::Completed,
+            ..
+        }
+    ));
+    events.push(Event::WindowBroken {
+        scenario: SLUG.to_owned(),
+        environment: "e-1".to_owned(),
+        window: 2,
+        reason: "it was in its place, and the checksum of control.csv does not match window.json".to_owned(),
+    });
+    synthetic.write_journal(&events);
+    assert_eq!(ending(), Ending::Unfinished);
 }
 
 #[test]

@@ -2,11 +2,11 @@
 
 use std::{fs, path::Path};
 
+use captures::traffic::Traffic;
 use record::run_directory::Place;
 use reports::{
     Run, analyse,
     analysis::combination::{Misfit, Misfits, Repeated, combine},
-    input::traffic::Traffic,
     load,
 };
 use serde_json::{Value, json};
@@ -109,7 +109,11 @@ fn the_papers_three_machines_measured_apart_are_its_nine_scenarios() {
     assert_eq!(measured, ["ghi", "bc", "df"]);
     assert_eq!(report.run, "arm64 + i686 + i7");
     assert_eq!(report.tally("b", "h").unwrap().pairs, 16);
-    assert_eq!(report.present().remarks, Vec::<String>::new());
+    let remarks = report.present().remarks;
+    assert!(
+        matches!(remarks.as_slice(), [one] if one.starts_with("ONE ENVIRONMENT EACH")),
+        "{remarks:?}"
+    );
     let text = report.present().markdown();
     assert!(
         text.contains("- Run i686 of 2026-11-21T04:00:00.000Z by matrix 0.1.0, revision unknown: b, c."),
@@ -183,7 +187,7 @@ fn what_an_axis_sweeps_is_no_other_experiment() {
     let run = together(&[&runs[0], &runs[1]], Repeated::Refused).unwrap();
     let report = analyse(&run, Traffic::default(), &run.manifest.report);
     assert_eq!(
-        report.unlike("a", "b"),
+        report.setup_differences("a", "b"),
         ["network.delay"],
         "said, as within one run"
     );

@@ -2,7 +2,8 @@
 
 use std::path::PathBuf;
 
-use reports::{analyse, input::traffic::Traffic};
+use captures::traffic::Traffic;
+use reports::analyse;
 
 fn fixture() -> PathBuf {
     PathBuf::from(concat!(

@@ -1,7 +1,8 @@
 //! The report as one page.
 
+use captures::traffic::Traffic;
 use record::run_directory::Outcome;
-use reports::{analyse, input::traffic::Traffic, present::figure};
+use reports::{analyse, present::figure};
 
 use crate::{
     synthetic::{Scenario, Synthetic},

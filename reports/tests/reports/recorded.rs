@@ -7,11 +7,12 @@ use std::{
     path::{Path, PathBuf},
 };
 
+use captures::traffic::Traffic;
 use record::run_directory::RunDirectory;
 use reports::{
     analyse,
     drift::{Metric, Night, digest::night_of},
-    input::traffic::{self, Traffic},
+    input::traffic,
 };
 use serde_json::Value;
 use sha2::{Digest, Sha256};
@@ -108,15 +109,58 @@ fn every_table_and_figure_is_the_stored_one() {
 }
 
 #[test]
+fn a_tables_file_label_and_anchor_are_its_id_whatever_its_title_is() {
+    let run = reports::load(recorded()).unwrap();
+    let report = analyse(&run, traffic::read(&run), &run.manifest.report);
+    let mut page = report.present();
+    for table in &mut page.tables {
+        table.title = "Other words".to_owned();
+    }
+    let tables = page.latex_tables();
+    let names: Vec<&str> = tables.iter().map(|table| table.name.as_str()).collect();
+    // Users' papers have these names.
+    assert_eq!(
+        names,
+        [
+            "shifts",
+            "the-layers-of-a-robot-simulation",
+            "the-scenarios",
+            "rejections-within-each-scenario",
+            "controls-and-virtualizations",
+            "rejections-against-control-1-a",
+            "conclusions",
+            "the-window-as-the-unit",
+            "the-family-of-comparisons",
+            "effects",
+            "counts-by-blocks",
+            "within-the-windows",
+            "packets-between-controller-and-plant",
+            "packet-counts",
+            "packet-explanations",
+            "schedule",
+            "release-lateness",
+        ]
+    );
+    let html = page.html(&[]);
+    let docs = include_str!("../../../docs/run-directory.md");
+    for table in tables {
+        let name = table.name;
+        assert!(table.text.contains(&format!("\\label{{tab:{name}}}")), "{name}");
+        assert_eq!(html.matches(&format!("id=\"table-{name}\"")).count(), 1, "{name}");
+        assert!(docs.contains(&format!("| `{name}`")), "{name} in the docs");
+    }
+}
+
+#[test]
 fn a_night_has_the_delays_of_its_packets() {
     let (_folder, directory) = copy();
     let run = reports::load(directory.path()).unwrap();
-    let night = Night::of(&run, &traffic::read(&run)).unwrap();
+    let night = Night::of(&run, &traffic::read(&run));
     let measured = &night.scenarios["x86-64-debian-12-native"];
     let delay_s = measured.level(Metric::PacketDelay).unwrap();
     // Two links of 10 ms, and the time that 300 bytes take on two of 10 Mbit/s.
     assert!((0.0200..0.0215).contains(&delay_s), "{delay_s}");
-    let without = Night::of(&run, &Traffic::default()).unwrap();
+    let without = Night::of(&run, &Traffic::default());
     assert_eq!(
         without.scenarios["x86-64-debian-12-native"].level(Metric::PacketDelay),
         None
@@ -128,7 +172,7 @@ fn a_run_is_read_once_and_again_when_a_file_of_it_is_another() {
     let (_folder, directory) = copy();
     let kept = directory.report().path().join("night.json");
     let run = reports::load(directory.path()).unwrap();
-    let read = Night::of(&run, &traffic::read(&run)).unwrap();
+    let read = Night::of(&run, &traffic::read(&run));
     assert_eq!(night_of(directory.path()).unwrap(), read);
     assert!(kept.exists());
 

@@ -5,11 +5,10 @@ use std::{
     path::{Path, PathBuf},
 };
 
+use captures::traffic::Traffic;
 use record::run_directory::{Event, Outcome, Place, Resource, RunDirectory};
 use reports::{
-    analyse,
-    input::traffic::Traffic,
-    load,
+    analyse, load,
     redaction::{Redaction, copy},
 };
 use serde_json::{Value, json};
@@ -254,4 +253,13 @@ fn what_several_runs_make_together_can_be_redacted_too() {
     let redacted = run.clone().redacted(&redaction).unwrap();
     assert_eq!(redacted.manifest.run, run.manifest.run);
     assert!(redacted.manifest.redacted);
+}
+
+#[test]
+fn who_held_a_host_meanwhile_is_not_in_a_copy() {
+    let busy = serde_json::json!({
+        "event": "host-busy", "host": "desk", "holder": "process 7 on attic, for /srv/lovelace/runs/1",
+    });
+    let copied = Redaction::default().document(busy);
+    assert_eq!(copied["holder"], "another run");
 }

@@ -14,7 +14,7 @@ use record::{
     settings::Settings,
     window::{ConditionsRecord, FileRecord, LoopRecord, NoticesRecord, Verdict, WindowRecord},
 };
-use serde_json::{Map, Value, json};
+use serde_json::{Map, Value};
 use sha2::{Digest, Sha256};
 use tempfile::TempDir;
 
@@ -186,7 +186,7 @@ fn manifest() -> Manifest {
         profile: None,
         order: "randomised".to_owned(),
         seed: 1,
-        providers: json!({}),
+        providers: Map::new(),
         report: ReportSettings::default(),
         state_directory: None,
         redacted: false,
@@ -206,6 +206,7 @@ fn plan(scenarios: &[Scenario]) -> PlanRecord {
             .filter(|(_, s)| s.infeasible.is_none())
             .map(|(id, _)| id)
             .collect(),
+        later_rounds: Vec::new(),
         measuring_s: 0.0,
     }
 }
@@ -246,6 +247,7 @@ pub fn journal(scenarios: &[Scenario]) -> Vec<Event> {
         events.push(Event::ScenarioStarted {
             scenario: slug.clone(),
             windows: vec![1, 2, 3, 4],
+            round: None,
         });
         events.push(Event::EnvironmentCreating {
             scenario: slug.clone(),
@@ -253,6 +255,7 @@ pub fn journal(scenarios: &[Scenario]) -> Vec<Event> {
             provider: scenario.provider.to_owned(),
             windows: vec![1, 2, 3, 4],
             resources: Vec::new(),
+            round: None,
         });
         if let Some((outcome, reason)) = scenario.outcome {
             let hint = reason.map(|_| "`matrix resume` tries again".to_owned());
@@ -262,6 +265,7 @@ pub fn journal(scenarios: &[Scenario]) -> Vec<Event> {
                 outcome,
                 reason,
                 hint,
+                round: None,
             });
         }
     }

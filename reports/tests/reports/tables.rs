@@ -1,14 +1,16 @@
 //! What a report says.
 
+use std::collections::BTreeSet;
+
+use captures::traffic::Traffic;
 use record::{
     report_settings::{Metric, ReportSettings, WarmUp},
     run_directory::{EnvironmentRecord, Event, Outcome},
     window::{ReleaseRecord, Verdict},
 };
-use reports::{
-    Report, analyse, analysis::within::Look, input::traffic::Traffic, statistics::stationarity::Unseen,
-};
+use reports::{Report, analyse, analysis::within::Look, present::figure};
 use serde_json::{Value, json};
+use statistics::{dependence::Dependence, serial::SerialDependence, stationarity::Unseen};
 
 use crate::synthetic::{Scenario, Synthetic, journal, log};
 
@@ -147,6 +149,38 @@ fn a_run_of_the_papers_scenarios_has_its_tables_in_its_layout_beside_its_counts(
     for said in [of_c.as_str(), "It is taken for i"] {
         assert!(notes.contains(said), "{said}: {notes}");
     }
+}
+
+#[test]
+fn each_control_and_each_part_of_its_table_has_an_id_of_its_own() {
+    let natives = ["a", "b"].map(|os| format!("x86-{os}-native"));
+    let dockers = ["a", "b", "c", "d", "e", "f", "g", "h", "i"].map(|os| format!("x86-{os}-docker"));
+    let slugs = natives.into_iter().chain(dockers);
+    let scenarios: Vec<Scenario> = slugs
+        .map(|slug| Scenario::measured(Box::leak(slug.into_boxed_str()), &[0.1]))
+        .collect();
+    let report = report_of(&Synthetic::new(&scenarios));
+    let tables = report.present().tables;
+    let ids: Vec<&str> = tables.iter().map(|table| table.id.as_str()).collect();
+    let of_table_v: Vec<&str> = ids
+        .iter()
+        .copied()
+        .filter(|id| id.starts_with("rejections-against-"))
+        .collect();
+    assert_eq!(
+        of_table_v,
+        [
+            "rejections-against-control-1-a",
+            "rejections-against-control-1-a-continued",
+            "rejections-against-control-1-a-continued-2",
+            "rejections-against-control-2-b",
+            "rejections-against-control-2-b-continued",
+            "rejections-against-control-2-b-continued-2",
+        ]
+    );
+    assert_eq!(BTreeSet::from_iter(&ids).len(), ids.len(), "{ids:?}");
+    let kebab = |it: char| it.is_ascii_lowercase() || it.is_ascii_digit() || it == '-';
+    assert!(ids.iter().all(|id| id.chars().all(kebab)), "{ids:?}");
 }
 
 #[test]
@@ -562,14 +596,14 @@ fn windows_too_short_to_be_told_apart_are_said_to_be() {
 }
 
 #[test]
-fn without_a_control_the_tables_say_what_is_missing() {
+fn without_a_baseline_the_tables_say_what_is_missing() {
     let scenarios = [Scenario::measured("x86-debian-docker", &[0.1, 0.1])];
     let markdown = report_of(&Synthetic::new(&scenarios)).present().markdown();
     let unwrapped = markdown.replace('\n', " ");
     assert!(unwrapped.contains(
-        "Nothing to compare with: no scenario is what `report.control` asks for (virtualization: native)"
+        "Nothing to compare with: no scenario is what `report.baseline` asks for (virtualization: native)"
     ));
-    assert!(unwrapped.contains("No two virtualizations on one platform besides the control"));
+    assert!(unwrapped.contains("No two virtualizations on one platform besides the baseline"));
 }
 
 #[test]
@@ -606,6 +640,7 @@ fn the_last_word_of_the_journal_on_a_scenario_counts() {
     events.push(Event::ScenarioStarted {
         scenario: scenario.clone(),
         windows: vec![1],
+        round: None,
     });
     synthetic.write_journal(&events);
     assert_eq!(report_of(&synthetic).scenarios[0].standing.name(), "unfinished");
@@ -614,6 +649,7 @@ fn the_last_word_of_the_journal_on_a_scenario_counts() {
         outcome: Outcome::Completed,
         reason: None,
         hint: None,
+        round: None,
     });
     synthetic.write_journal(&events);
     assert_eq!(report_of(&synthetic).scenarios[0].standing.name(), "completed");
@@ -659,7 +695,7 @@ fn told_of(platform: Value) -> String {
     let synthetic = Synthetic::new(&nine());
     let path = synthetic.directory.environment("i686-ubuntu-native").path();
     let mut record: EnvironmentRecord = serde_json::from_slice(&std::fs::read(&path).unwrap()).unwrap();
-    record.platform = Some(platform);
+    record.platform = serde_json::from_value(platform).unwrap();
     std::fs::write(&path, serde_json::to_vec(&record).unwrap()).unwrap();
     let markdown = report_of(&synthetic).present().markdown();
     markdown.split_whitespace().collect::<Vec<_>>().join(" ")
@@ -766,10 +802,77 @@ fn a_pair_that_is_named_is_in_the_family_whatever_it_ran() {
 #[test]
 fn what_ran_the_same_experiment_has_no_mark() {
     let report = report_of(&Synthetic::new(&nine()));
-    assert!(report.unlike.is_empty(), "{:?}", report.unlike);
+    assert!(
+        report.setup_differences.is_empty(),
+        "{:?}",
+        report.setup_differences
+    );
     let markdown = report.present().markdown();
     assert!(
         !markdown.contains(" * |") && !markdown.contains("NOT THE SAME"),
         "{markdown}"
     );
+}
+
+#[test]
+fn how_large_the_differences_are_comes_before_any_count() {
+    let synthetic = Synthetic::new(&nine());
+    let run = reports::load(synthetic.directory.path()).unwrap();
+    let report = analyse(&run, Traffic::default(), &run.manifest.report);
+    let page = report.present();
+    assert_eq!(page.tables[0].id, "shifts");
+    let markdown = page.markdown();
+    assert!(markdown.find("b–d  +43.880").unwrap() < markdown.find("Table III").unwrap());
+    let figures = figure::draw(&run, &report).unwrap();
+    assert_eq!(figures[0].kind, figure::Kind::Forest);
+    let html = page.html(&figures);
+    assert!(html.find("id=\"shifts\"").unwrap() < html.find("id=\"heatmap\"").unwrap());
+}
+
+#[test]
+fn what_depends_on_its_neighbours_is_remarked_on() {
+    let mut report = report_of(&all_measured());
+    let remarks = |report: &Report| report.present().remarks.join("\n");
+    assert!(!remarks(&report).contains("DEPEND"), "{}", remarks(&report));
+    let within = report.scenarios[1].within.as_mut().unwrap();
+    within.dependence = Some(Dependence {
+        autocorrelation: vec![0.82],
+        time: 18.0,
+        n: 240,
+        effective: 240.0 / 18.0,
+    });
+    report.contrasts.serial = Some(SerialDependence {
+        lag_one: 0.6,
+        p: 0.0004,
+        windows: 28,
+    });
+    let remarks = remarks(&report);
+    for said in [
+        "VALUES WITHIN WINDOWS DEPEND ON EACH OTHER in b: of b the 240 values are worth 13 (lag 1 +0.82).",
+        "SUCCESSIVE WINDOWS RESEMBLE EACH OTHER: over all scenarios, 28 windows correlate with the next one by +0.60 (p = 0.0004)",
+    ] {
+        assert!(remarks.contains(said), "{remarks}");
+    }
+}
+
+#[test]
+fn what_was_chosen_when_the_data_was_known_is_said_first() {
+    let synthetic = Synthetic::new(&nine());
+    let run = reports::load(synthetic.directory.path()).unwrap();
+    let settings = ReportSettings {
+        alpha: 0.2,
+        metric: Metric::MeanAbsX,
+        warm_up: WarmUp::Cut,
+        ..run.manifest.report.clone()
+    };
+    let report = analyse(&run, Traffic::default(), &settings);
+    let first = report.present().remarks[0].clone();
+    for said in [
+        "DIFFERS FROM WHAT WAS DECLARED",
+        "alpha (`0.2`",
+        "metric (`mean-abs-x`",
+        "warm_up (`cut`",
+    ] {
+        assert!(first.contains(said), "{first}");
+    }
 }

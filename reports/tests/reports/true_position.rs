@@ -2,12 +2,9 @@
 
 use std::fs;
 
+use captures::traffic::Traffic;
 use record::{plant_log::PlantRow, report_settings::ErrorOf};
-use reports::{
-    analyse,
-    input::{run::WindowState, traffic::Traffic},
-    load_by,
-};
+use reports::{analyse, input::run::WindowState, load_by};
 
 use crate::synthetic::{Scenario, Synthetic, file_record, log};
 

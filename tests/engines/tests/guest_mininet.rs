@@ -9,7 +9,7 @@ use std::{
 use serde_json::Value;
 use tests::{Guest, Ran, matrix_binary, workload_binary};
 
-/// Far more than anything here takes; it only ends a hopeless wait, and leaves Mininet its own patience.
+/// Far more than anything here takes; it only ends a hopeless wait, and leaves Mininet its own timeout.
 const HOPELESS: Duration = Duration::from_secs(420);
 /// What the names of our bridges and interfaces begin with.
 const OURS: &str = "mx";

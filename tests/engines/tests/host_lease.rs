@@ -11,15 +11,15 @@ use orchestrator::{
         ssh::{SshClient, SshHost, Trust},
     },
     lease::Holder,
-    matrix_file::Ssh,
     state_directory::StateDirectory,
 };
+use record::connection::Ssh;
 use tempfile::TempDir;
 use tests::{MacOs, sshd::Sshd};
 use tokio::time::timeout;
 
 /// Only ends a wait for what never comes.
-const PATIENCE: Duration = Duration::from_secs(120);
+const TIMEOUT: Duration = Duration::from_secs(120);
 
 /// This machine, with a lease of the test's own.
 fn here(folder: &TempDir) -> Arc<dyn Host> {
@@ -50,7 +50,7 @@ fn ask(host: &Arc<dyn Host>, run: &str) -> HostLease {
 }
 
 async fn answer(lease: &mut HostLease) -> Answer {
-    timeout(PATIENCE, lease.answer()).await.unwrap().unwrap()
+    timeout(TIMEOUT, lease.answer()).await.unwrap().unwrap()
 }
 
 /// Whoever asks second is told who has it and gets it when it is given back.
@@ -147,7 +147,7 @@ async fn a_host_that_cannot_be_asked_is_an_error_with_what_to_do() {
     // A folder is no file to lock.
     let host: Arc<dyn Host> = Arc::new(Here::leased_at("here", state, folder.path().to_owned()));
     let mut lease = ask(&host, "/runs/one");
-    let error = timeout(PATIENCE, lease.answer()).await.unwrap().unwrap_err();
+    let error = timeout(TIMEOUT, lease.answer()).await.unwrap().unwrap_err();
     assert!(error.to_string().contains("leasing the host"), "{error}");
     assert!(error.hint().is_some(), "{error:?}");
 }

@@ -22,7 +22,7 @@ fn report() -> (Workplace, PathBuf) {
   virtualization: [fake]
 hosts: {desk: {connect: local, hardware: x86_64, os: debian-12}}
 workload: {windows: 4, window: 30s, period: 1s}
-report: {control: {kernel: stable}, matters: 2mm}
+report: {baseline: {kernel: stable}, equivalence_margin: 2mm}
 providers: {fake: {scenarios: {x86-64-debian-12-kernel-rescue-fake: {fail: {at: create}}}}}
 ",
     );
@@ -71,8 +71,9 @@ fn the_tables_compile_as_they_are_and_one_by_one_in_a_papers_column() {
     let pdf = folder.join("tables.pdf");
     let words = said_by("pdftotext", &["-layout", pdf.to_str().unwrap(), "-"]);
     for expected in [
-        "Table 1: The layers of a robot simulation. Run",
-        "Table 3: Rejections within each scenario. Run",
+        "Table 1: How large the differences are, all at once. Run",
+        "Table 2: The layers of a robot simulation. Run",
+        "Table 4: Rejections within each scenario. Run",
         "preempt-rt",
         "p < 0.001",
         "Scenarios",

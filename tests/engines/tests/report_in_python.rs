@@ -26,7 +26,7 @@ fn the_example_finds_the_reports_own_numbers_and_draws_its_figure_again() {
         "matrix: {hardware: [x86_64], kernel: [stable, preempt-rt, tickless], virtualization: [fake]}\n\
          hosts: {desk: {connect: local, hardware: x86_64, os: debian-12}}\n\
          workload: {windows: 4, window: 30s, period: 1s}\n\
-         report: {control: {kernel: stable}}\n\
+         report: {baseline: {kernel: stable}}\n\
          providers: {fake: {scenarios: {x86-64-debian-12-kernel-preempt-rt-fake: {shift_m: 0.02}}}}\n",
     );
     assert_eq!(workplace.run(&["run", "m.yaml", "--quiet"]).code, Some(0));

@@ -17,7 +17,7 @@ use tests::{
 /// CSS pixels of A4 between Chromium's margins of 1 cm.
 const PAPER: u32 = 718;
 
-/// Platforms that are not there, with all that a report can have: a control, effects, a failure and what is infeasible.
+/// Platforms that are not there, with all that a report can have: a baseline, effects, a failure and what is infeasible.
 const MADE_UP: &str = "\
 matrix:
   hardware: [x86_64, riscv64]
@@ -26,7 +26,7 @@ matrix:
 hosts:
   desk: {connect: local, hardware: x86_64, os: debian-12}
 workload: {windows: 4, window: 30s, period: 1s}
-report: {control: {kernel: stable}, matters: 2mm}
+report: {baseline: {kernel: stable}, equivalence_margin: 2mm}
 providers:
   fake:
     scenarios:
@@ -142,7 +142,11 @@ fn a_table_is_sorted_by_mouse_and_by_keyboard() {
     let file = made_up().page();
     let mut browser = Browser::start();
     let mut page = browser.open(&file, Look::DESKTOP);
-    page.value("document.querySelector('#tables table.sortable').id = 'first'");
+    let below_its_heading = "document.getElementById('table-the-layers-of-a-robot-simulation')\
+         .compareDocumentPosition(it) & Node.DOCUMENT_POSITION_FOLLOWING";
+    page.value(&format!(
+        "[...document.querySelectorAll('#tables table.sortable')].find(it => {below_its_heading}).id = 'first'"
+    ));
     let before = column(&mut page, "#first", 1);
     let mut rising = before.clone();
     // As a dictionary has them.

@@ -18,9 +18,9 @@ use orchestrator::{
         Exit, Forward, Host, HostError, Listener, Program, output,
         ssh::{SshClient, SshHost, Trust},
     },
-    matrix_file::Ssh,
     workload_binary,
 };
+use record::connection::Ssh;
 use sha2::{Digest as _, Sha256};
 use tests::sshd::{Agent, Sshd, make_key, user, wait_until};
 use tokio::{
@@ -29,7 +29,7 @@ use tokio::{
 };
 
 /// Only ends a wait for what never comes.
-const PATIENCE: Duration = Duration::from_secs(120);
+const TIMEOUT: Duration = Duration::from_secs(120);
 
 /// As the matrix file of a careful user has it.
 fn connection(sshd: &Sshd) -> Ssh {
@@ -64,7 +64,7 @@ fn host_by(sshd: &Sshd, connection: Ssh) -> SshHost {
 
 /// Its output and its end, with this input.
 async fn run(host: &SshHost, program: &Program, input: &[u8]) -> (Vec<u8>, Exit) {
-    let (exit, answer) = output(host, program, input, PATIENCE).await.unwrap();
+    let (exit, answer) = output(host, program, input, TIMEOUT).await.unwrap();
     (answer, exit)
 }
 

@@ -2,18 +2,16 @@
 
 use std::{collections::HashMap, path::Path, process::Command};
 
+use captures::{packets::Topic, traffic::WindowTraffic};
 use record::run_directory::RunDirectory;
-use reports::input::{
-    packets::Topic,
-    traffic::{self, WindowTraffic},
-};
+use reports::input::traffic;
 
 /// What tshark says of a packet with data.
 #[derive(Debug)]
 struct Seen {
     at_s: f64,
     source: String,
-    is_again: bool,
+    is_retransmitted: bool,
 }
 
 /// The packets with data in a capture, by what tells them apart.
@@ -48,7 +46,7 @@ fn seen_by_tshark(capture: &Path) -> HashMap<[String; 3], Seen> {
         let seen = Seen {
             at_s: columns[3].parse().unwrap(),
             source: columns[4].to_owned(),
-            is_again: columns[5..].iter().any(|flag| !flag.is_empty()),
+            is_retransmitted: columns[5..].iter().any(|flag| !flag.is_empty()),
         };
         ([0, 1, 2].map(|key| columns[key].to_owned()), seen)
     };
@@ -95,8 +93,8 @@ fn compare(
 ) {
     let direction = found.direction(topic);
     assert_eq!(direction.total(|period| period.sent), sent.len() as u64);
-    let again = sent.iter().filter(|(_, seen)| seen.is_again).count() as u64;
-    assert_eq!(direction.total(|period| period.sent_again), again);
+    let retransmitted = sent.iter().filter(|(_, seen)| seen.is_retransmitted).count() as u64;
+    assert_eq!(direction.total(|period| period.retransmitted), retransmitted);
     // What was sent just before the end is in the next window's file.
     let settled = sent.iter().filter(|(_, seen)| seen.at_s < ended_s - 1.0);
     let (there, gone): (Vec<_>, Vec<_>) = settled.copied().partition(|(key, _)| arrived.contains_key(*key));

@@ -2,6 +2,7 @@
 
 use std::{fs, io::Cursor, path::PathBuf};
 
+use captures::packets::{CaptureFile, CaptureReadError, Segment};
 use record::{
     run_directory::{
         ControlTrace, EnvironmentRecord, Expected, FORMAT, Journal, Manifest, Place, PlanRecord, ReadError,
@@ -10,9 +11,8 @@ use record::{
     settings::Messages,
     window::{FileRecord, WindowRecord},
 };
-use reports::input::packets::{CaptureFile, CaptureReadError, Segment};
 use sha2::{Digest, Sha256};
-use workload::experiment::message::{CommandMessage, StateMessage};
+use simulation::message::{CommandMessage, StateMessage};
 
 /// Reads the bytes as a control log that is as it was measured, with as many steps as it has lines.
 pub fn control_log(bytes: &[u8]) {

@@ -26,7 +26,7 @@ use workload::{
 /// Where the hosts of a test meet.
 pub const PORT: u16 = 4711;
 /// For a window to be on the disk; only hopeless waits are ended by it.
-const PATIENCE: Duration = Duration::from_secs(20);
+const TIMEOUT: Duration = Duration::from_secs(20);
 
 /// Runs tests, by their names. An ordinary user must enter a user namespace before any thread starts, so each of these
 /// programs has its own `main`, and this is what it does.
@@ -93,7 +93,7 @@ pub fn capture(network: &dyn Network, host: VirtualHost, settings: &CaptureSetti
 
 /// The next window of a capture that is on the disk.
 pub fn next_window(capture: &Capture) -> CaptureRecord {
-    let CapturedWindow { outcome, .. } = capture.completed().recv_timeout(PATIENCE).unwrap();
+    let CapturedWindow { outcome, .. } = capture.completed().recv_timeout(TIMEOUT).unwrap();
     outcome.unwrap()
 }
 

@@ -271,10 +271,18 @@ fn talk(network: &dyn Network) {
 }
 
 /// Compares two captures packet by packet; the largest difference of stamps, which two sockets take from one packet.
+///
+/// A packet that leaves and one that arrives are given to the sockets by two processors at once, so that one socket can have
+/// them in the other's reverse order: both captures are compared in the order of the stamps.
 fn assert_same(ours: &[Packet], theirs: &[Packet]) -> i64 {
     assert_eq!(ours.len(), theirs.len());
+    let [ours, theirs] = [ours, theirs].map(|packets| {
+        let mut packets: Vec<_> = packets.iter().collect();
+        packets.sort_by_key(|packet| (packet.stamp_unix_ns, &packet.bytes));
+        packets
+    });
     let mut furthest = 0;
-    for (number, (ours, theirs)) in ours.iter().zip(theirs).enumerate() {
+    for (number, (ours, theirs)) in ours.iter().zip(&theirs).enumerate() {
         assert_eq!(ours.original_bytes, theirs.original_bytes, "packet {number}");
         assert_eq!(ours.bytes, theirs.bytes, "packet {number}");
         furthest = furthest.max((ours.stamp_unix_ns - theirs.stamp_unix_ns).abs());

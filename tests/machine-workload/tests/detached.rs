@@ -39,7 +39,7 @@ const SHORT: &str =
 const LONG: &str =
     r#"{"windows":1,"window":"1h","period":"1s","realtime":{"priority":0,"lock_memory":false}}"#;
 /// Longer than anything here takes.
-const PATIENCE: Duration = Duration::from_secs(120);
+const TIMEOUT: Duration = Duration::from_secs(120);
 
 /// One real run at a time.
 static MACHINE: Mutex<()> = Mutex::new(());
@@ -183,7 +183,7 @@ fn ends(child: &mut Child) -> std::process::ExitStatus {
     let pid = child.id();
     let (ended, wait) = mpsc::channel::<()>();
     let guard = thread::spawn(move || {
-        if wait.recv_timeout(PATIENCE) == Err(mpsc::RecvTimeoutError::Timeout) {
+        if wait.recv_timeout(TIMEOUT) == Err(mpsc::RecvTimeoutError::Timeout) {
             send(pid, Signal::SIGKILL);
             panic!("it did not end by itself");
         }
@@ -750,7 +750,7 @@ fn a_host_says_what_it_is_before_anything_is_there() {
         .duration_since(std::time::UNIX_EPOCH)
         .unwrap();
     let age = now - Duration::from_nanos(host.now_ns);
-    assert!(age < PATIENCE, "{age:?}");
+    assert!(age < TIMEOUT, "{age:?}");
     assert_eq!(fs::read_dir(agent.folder.path()).unwrap().count(), 0);
 }
 

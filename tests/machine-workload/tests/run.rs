@@ -26,7 +26,6 @@ use record::{
     window::{Verdict, WindowRecord},
 };
 use sha2::{Digest, Sha256};
-use workload::survey;
 
 /// Two windows of two periods, 100 steps each.
 const SETTINGS: &str = r#"{"dynamics":"robust","windows":2,"window":"2s","period":"1s"}"#;
@@ -328,7 +327,10 @@ fn a_run_measures_contiguous_windows_with_all_their_files() {
     let platform = &survey.before;
     assert_eq!(survey.after.as_ref().unwrap().kernel, platform.kernel);
     assert_eq!(survey.changes, Vec::new());
-    assert_eq!(platform.workload_machine.as_deref(), Some(survey::MACHINE));
+    assert_eq!(
+        platform.workload_machine.as_deref(),
+        Some(record::platform::MACHINE)
+    );
     assert_eq!(platform.realtime.priority_asked, 80);
     assert_eq!(
         platform.realtime.priority_granted == 0,

@@ -22,7 +22,7 @@ use crate::{Ran, There, Workplace, matrix_binary};
 /// Between two looks at a journal: its lines are a write to the disk apart.
 const LOOK: Duration = Duration::from_micros(200);
 /// Each of these runs is of seconds.
-const PATIENCE: Duration = Duration::from_secs(60);
+const TIMEOUT: Duration = Duration::from_secs(60);
 /// A folder that is nobody's of ours.
 const FOREIGN: &str = "of-others";
 
@@ -56,11 +56,11 @@ impl Platform {
 
     /// What a command has not done by now it never does.
     #[must_use]
-    pub fn patience(self) -> Duration {
+    pub fn timeout(self) -> Duration {
         match self {
             // It boots, in software.
-            Self::Machine => 10 * PATIENCE,
-            _ => PATIENCE,
+            Self::Machine => 10 * TIMEOUT,
+            _ => TIMEOUT,
         }
     }
 
@@ -193,7 +193,7 @@ impl Scene {
             child,
             out: self.aside("out"),
             err: self.aside("err"),
-            patience: self.platform.patience(),
+            timeout: self.platform.timeout(),
         }
     }
 
@@ -255,7 +255,7 @@ impl Scene {
             if self.journal_lines() >= line {
                 return true;
             }
-            if started.has_ended() || begun.elapsed() > started.patience {
+            if started.has_ended() || begun.elapsed() > started.timeout {
                 return false;
             }
             thread::sleep(LOOK);
@@ -359,7 +359,7 @@ pub struct Started {
     child: Child,
     out: PathBuf,
     err: PathBuf,
-    patience: Duration,
+    timeout: Duration,
 }
 
 impl Started {
@@ -395,21 +395,21 @@ impl Started {
     /// # Errors
     /// When it has not ended in time; it is killed then.
     pub fn end(self) -> Result<Ran, Hung> {
-        let patience = self.patience;
-        self.end_within(patience)
+        let timeout = self.timeout;
+        self.end_within(timeout)
     }
 
     /// Waits for its end for so long.
     ///
     /// # Errors
     /// As [`Started::end`].
-    pub fn end_within(mut self, patience: Duration) -> Result<Ran, Hung> {
+    pub fn end_within(mut self, timeout: Duration) -> Result<Ran, Hung> {
         let begun = Instant::now();
         let status = loop {
             if let Ok(Some(status)) = self.child.try_wait() {
                 break status;
             }
-            if begun.elapsed() > patience {
+            if begun.elapsed() > timeout {
                 self.kill_group();
                 return Err(Hung);
             }

@@ -13,7 +13,7 @@ pub const NATIVE: &str = "native";
 
 /// The value of an axis as text.
 #[must_use]
-pub fn text_of(value: &Value) -> String {
+pub fn axis_text(value: &Value) -> String {
     match value {
         Value::String(text) => text.clone(),
         other => other.to_string(),

@@ -5,7 +5,7 @@
 use serde::{Deserialize, Deserializer, Serialize, Serializer, de};
 use serde_json::{Map, Value};
 
-use crate::axis::{VIRTUALIZATION, text_of};
+use crate::axis::{VIRTUALIZATION, axis_text};
 
 /// A declared family.
 #[derive(Debug, Clone, Default, PartialEq, Eq)]
@@ -13,8 +13,8 @@ pub enum Family {
     /// Every two scenarios.
     #[default]
     All,
-    /// Each scenario that is no control against each control, as Table V.
-    AgainstControls,
+    /// Each other scenario against each baseline scenario, as Table V.
+    AgainstBaseline,
     /// Those that differ in virtualization alone.
     SamePlatform,
     /// These, by letter or slug.
@@ -22,9 +22,11 @@ pub enum Family {
 }
 
 const ALL: &str = "all";
+const AGAINST_BASELINE: &str = "against-baseline";
+/// Its name in files of earlier versions.
 const AGAINST_CONTROLS: &str = "against-controls";
 const SAME_PLATFORM: &str = "same-platform";
-const NAMES: &[&str] = &[ALL, AGAINST_CONTROLS, SAME_PLATFORM];
+const NAMES: &[&str] = &[ALL, AGAINST_BASELINE, SAME_PLATFORM];
 
 /// What a scenario is to a family.
 #[derive(Debug, Clone, PartialEq, Eq)]
@@ -33,8 +35,8 @@ pub struct Member<'a> {
     pub id: &'a str,
     /// Its slug.
     pub slug: &'a str,
-    /// Whether it is one of the experimental controls.
-    pub is_control: bool,
+    /// Whether it belongs to the baseline.
+    pub is_baseline: bool,
     /// Its axis values but for virtualization.
     pub platform: Vec<(&'a str, String)>,
 }
@@ -75,7 +77,7 @@ impl Family {
     fn has(&self, a: &Member<'_>, b: &Member<'_>) -> bool {
         match self {
             Self::All => true,
-            Self::AgainstControls => a.is_control != b.is_control,
+            Self::AgainstBaseline => a.is_baseline != b.is_baseline,
             Self::SamePlatform => a.platform == b.platform,
             Self::Pairs(pairs) => pairs
                 .iter()
@@ -97,7 +99,7 @@ impl Family {
     pub fn description(&self) -> String {
         match self {
             Self::All => "every two scenarios".to_owned(),
-            Self::AgainstControls => "each scenario against each control".to_owned(),
+            Self::AgainstBaseline => "each scenario against each baseline scenario".to_owned(),
             Self::SamePlatform => "scenarios that differ in virtualization alone".to_owned(),
             Self::Pairs(pairs) => {
                 let pairs: Vec<String> = pairs.iter().map(|(a, b)| format!("{a} / {b}")).collect();
@@ -110,14 +112,14 @@ impl Family {
 impl<'a> Member<'a> {
     /// A scenario with these axes, by its letter and slug.
     #[must_use]
-    pub fn new(id: &'a str, slug: &'a str, is_control: bool, axes: &'a Map<String, Value>) -> Self {
+    pub fn new(id: &'a str, slug: &'a str, is_baseline: bool, axes: &'a Map<String, Value>) -> Self {
         let platform = axes.iter().filter(|(axis, _)| *axis != VIRTUALIZATION);
         Self {
             id,
             slug,
-            is_control,
+            is_baseline,
             platform: platform
-                .map(|(axis, value)| (axis.as_str(), text_of(value)))
+                .map(|(axis, value)| (axis.as_str(), axis_text(value)))
                 .collect(),
         }
     }
@@ -131,7 +133,7 @@ impl Serialize for Family {
     fn serialize<S: Serializer>(&self, serializer: S) -> Result<S::Ok, S::Error> {
         match self {
             Self::All => serializer.serialize_str(ALL),
-            Self::AgainstControls => serializer.serialize_str(AGAINST_CONTROLS),
+            Self::AgainstBaseline => serializer.serialize_str(AGAINST_BASELINE),
             Self::SamePlatform => serializer.serialize_str(SAME_PLATFORM),
             Self::Pairs(pairs) => pairs.serialize(serializer),
         }
@@ -146,14 +148,14 @@ impl<'de> Deserialize<'de> for Family {
 
             fn expecting(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
                 f.write_str(
-                    "`all`, `against-controls`, `same-platform` or a list of pairs such as `[[a, b]]`",
+                    "`all`, `against-baseline`, `same-platform` or a list of pairs such as `[[a, b]]`",
                 )
             }
 
             fn visit_str<E: de::Error>(self, name: &str) -> Result<Family, E> {
                 match name {
                     ALL => Ok(Family::All),
-                    AGAINST_CONTROLS => Ok(Family::AgainstControls),
+                    AGAINST_BASELINE | AGAINST_CONTROLS => Ok(Family::AgainstBaseline),
                     SAME_PLATFORM => Ok(Family::SamePlatform),
                     other => Err(E::unknown_variant(other, NAMES)),
                 }
@@ -196,10 +198,10 @@ mod tests {
     use super::*;
 
     fn members() -> Vec<Member<'static>> {
-        let member = |id, slug, is_control, os: &str| Member {
+        let member = |id, slug, is_baseline, os: &str| Member {
             id,
             slug,
-            is_control,
+            is_baseline,
             platform: vec![("os", os.to_owned())],
         };
         vec![
@@ -213,7 +215,7 @@ mod tests {
     fn each_family_has_the_pairs_that_its_name_says() {
         let pairs = |family: Family| family.pairs(&members());
         assert_eq!(pairs(Family::All), [(0, 1), (0, 2), (1, 2)]);
-        assert_eq!(pairs(Family::AgainstControls), [(0, 1), (1, 2)]);
+        assert_eq!(pairs(Family::AgainstBaseline), [(0, 1), (1, 2)]);
         assert_eq!(pairs(Family::SamePlatform), [(0, 1)]);
     }
 
@@ -233,7 +235,7 @@ mod tests {
     fn it_reads_back_as_it_is_written() {
         for text in [
             r#""all""#,
-            r#""against-controls""#,
+            r#""against-baseline""#,
             r#""same-platform""#,
             r#"[["a","b"]]"#,
         ] {
@@ -241,6 +243,6 @@ mod tests {
             assert_eq!(serde_json::to_string(&family).unwrap(), text);
         }
         let error = serde_json::from_str::<Family>(r#""everything""#).unwrap_err();
-        assert!(error.to_string().contains("against-controls"), "{error}");
+        assert!(error.to_string().contains("against-baseline"), "{error}");
     }
 }

@@ -6,21 +6,27 @@
 //!   [`control_log`], [`plant_log`], [`platform`], [`progress`], [`check`]; its exit codes are in [`exit`];
 //! - names: of files and folders in [`layout`], of axes in [`axis`], those that are safe in files in [`name`]; errors in words in
 //!   [`causes`];
-//! - what `workload detached` is asked and answers: [`detached`];
-//! - with the feature `run-directory`, the run directory and how its results are compared: `run_directory`,
-//!   `report_settings`, `family`.
+//! - how the workload is called: [`call`]; what `workload detached` reads and answers: [`detached`], and how it sends the data:
+//!   [`transfer`];
+//! - what a program needs of the kernel before it begins: [`limits`];
+//! - with the feature `run-directory`, the run directory, how its hosts were reached, and how its results are compared:
+//!   `run_directory`, `connection`, `report_settings`, `family`.
 //!
 //! A change of meaning of what the workload writes needs a new [`FORMAT`].
 
 pub mod axis;
+pub mod call;
 pub mod causes;
 pub mod check;
+#[cfg(feature = "run-directory")]
+pub mod connection;
 pub mod control_log;
 pub mod detached;
 pub mod exit;
 #[cfg(feature = "run-directory")]
 pub mod family;
 pub mod layout;
+pub mod limits;
 pub mod name;
 pub mod plant_log;
 pub mod platform;
@@ -31,8 +37,21 @@ pub mod report_settings;
 #[cfg(feature = "run-directory")]
 pub mod run_directory;
 pub mod settings;
+pub mod transfer;
 pub mod virtual_host;
 pub mod window;
 
 /// Version of the files that the workload writes.
 pub const FORMAT: u32 = 1;
+
+/// The name of a field of a record, as it is in a file. The compiler finds that there is no such field; of one that serde renames it
+/// would not find it.
+#[macro_export]
+macro_rules! field {
+    ($record:ty, $name:ident) => {{
+        const _: fn(&$record) = |record| {
+            let _ = &record.$name;
+        };
+        stringify!($name)
+    }};
+}

@@ -6,7 +6,27 @@ use std::{collections::BTreeMap, fmt};
 use serde::{Deserialize, Serialize};
 use serde_json::Value;
 
-use crate::settings::RosMaster;
+use crate::{field, settings::RosMaster};
+
+/// The machine that this program was built for, as `uname -m` names it. The kernel may be another's.
+pub const MACHINE: &str = if cfg!(target_arch = "x86") {
+    "i686"
+} else {
+    std::env::consts::ARCH
+};
+
+/// `ID-VERSION_ID` of an os-release file, such as `debian-12`.
+#[must_use]
+pub fn os_name(os_release: &str) -> String {
+    let value = |name: &str| {
+        let line = os_release
+            .lines()
+            .find_map(|line| line.strip_prefix(name)?.strip_prefix('='));
+        line.map(|value| value.trim_matches('"').to_owned())
+    };
+    let parts = [value("ID"), value("VERSION_ID")];
+    parts.into_iter().flatten().collect::<Vec<_>>().join("-")
+}
 
 /// `environment.json` as the workload writes it: the platform before the windows, with what it was after them.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
@@ -164,16 +184,17 @@ pub struct ClockRecord {
     pub max_error_us: i64,
 }
 
-/// Fields that change all the time and mean no other platform.
-const RESTLESS: [&str; 7] = [
-    "clock.frequency_ppm",
-    "clock.max_error_us",
-    "clock.offset_ns",
-    "clock.status",
-    "load_1min",
-    "memory_available_bytes",
-    "realtime",
+/// Fields that change all the time and mean no other platform: the names from the record on.
+const RESTLESS: [&[&str]; 7] = [
+    &[CLOCK, field!(ClockRecord, frequency_ppm)],
+    &[CLOCK, field!(ClockRecord, max_error_us)],
+    &[CLOCK, field!(ClockRecord, offset_ns)],
+    &[CLOCK, field!(ClockRecord, status)],
+    &[field!(PlatformRecord, load_1min)],
+    &[field!(PlatformRecord, memory_available_bytes)],
+    &[field!(PlatformRecord, realtime)],
 ];
+const CLOCK: &str = field!(PlatformRecord, clock);
 
 impl PlatformRecord {
     /// What is not as it was, but for what always changes.
@@ -203,7 +224,10 @@ impl PlatformRecord {
 }
 
 fn collect(path: &str, value: &Value, facts: &mut BTreeMap<String, String>) {
-    if RESTLESS.contains(&path) {
+    if RESTLESS
+        .iter()
+        .any(|names| path.split('.').eq(names.iter().copied()))
+    {
         return;
     }
     match value {
@@ -246,7 +270,17 @@ pub struct RealtimeGrant {
 
 #[cfg(test)]
 mod tests {
+    use rstest::rstest;
+
     use super::*;
+
+    #[rstest]
+    #[case::debian("PRETTY_NAME=\"Debian 12\"\nVERSION_ID=\"12\"\nID=debian\n", "debian-12")]
+    #[case::rolling("ID=arch\nBUILD_ID=rolling\n", "arch")]
+    #[case::without_any("", "")]
+    fn an_os_is_named_by_id_and_version(#[case] os_release: &str, #[case] wanted: &str) {
+        assert_eq!(os_name(os_release), wanted);
+    }
 
     fn platform(edit: impl FnOnce(&mut PlatformRecord)) -> PlatformRecord {
         let mut platform = PlatformRecord {
@@ -271,6 +305,16 @@ mod tests {
             it.clock.as_mut().unwrap().offset_ns = 1234;
         });
         assert_eq!(platform(|_| ()).changes(&after), Vec::new());
+    }
+
+    /// serde could write a field under another name than the compiler knows.
+    #[test]
+    fn what_always_changes_is_written_under_its_names() {
+        let written = serde_json::to_value(platform(|_| ())).unwrap();
+        for names in RESTLESS {
+            let pointer: String = names.iter().map(|name| format!("/{name}")).collect();
+            assert!(written.pointer(&pointer).is_some(), "{pointer}");
+        }
     }
 
     #[test]

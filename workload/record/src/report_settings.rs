@@ -32,18 +32,19 @@ pub struct ReportSettings {
     /// What is done about a window that warms up for longer than that.
     #[serde(skip_serializing_if = "WarmUp::is_default")]
     pub warm_up: WarmUp,
-    /// The scenarios that are the experimental controls, by axis values.
-    pub control: BTreeMap<String, String>,
+    /// The scenarios that the others are compared with, by axis values.
+    #[serde(alias = "control")]
+    pub baseline: BTreeMap<String, String>,
     /// Pairs of scenarios to draw, by letter or slug, and of which windows, such as `[[b, h], [d/1, f/2]]`. When left out:
-    /// the controls beside each other, and the scenarios that differ in virtualization alone.
+    /// the baseline scenarios beside each other, and the scenarios that differ in virtualization alone.
     #[serde(skip_serializing_if = "Vec::is_empty")]
     pub figures: Vec<DrawnPair>,
     /// The pairs of scenarios that are asked about: p-values are adjusted for as many.
     #[serde(skip_serializing_if = "Family::is_default")]
     pub family: Family,
     /// A shift of the error that is smaller does not matter; a verdict says so.
-    #[serde(skip_serializing_if = "Option::is_none")]
-    pub matters: Option<Length>,
+    #[serde(alias = "matters", skip_serializing_if = "Option::is_none")]
+    pub equivalence_margin: Option<Length>,
     /// Seed of the relabellings and resamples that are drawn where there are too many to look at each.
     #[serde(skip_serializing_if = "is_zero")]
     pub seed: u64,
@@ -56,11 +57,14 @@ fn is_zero(seed: &u64) -> bool {
 }
 
 impl ReportSettings {
-    /// Whether a scenario is one of the experimental controls.
+    /// The settings that had another name in earlier versions: that name, which `alias` reads too, and the setting's own.
+    pub const RENAMED: [(&str, &str); 2] = [("control", "baseline"), ("matters", "equivalence_margin")];
+
+    /// Whether a scenario belongs to the baseline.
     #[must_use]
-    pub fn is_control(&self, scenario: &PlannedScenario) -> bool {
-        let mut axes = self.control.iter();
-        !self.control.is_empty() && axes.all(|(axis, value)| scenario.axis(axis).as_ref() == Some(value))
+    pub fn is_baseline(&self, scenario: &PlannedScenario) -> bool {
+        let mut axes = self.baseline.iter();
+        !self.baseline.is_empty() && axes.all(|(axis, value)| scenario.axis(axis).as_ref() == Some(value))
     }
 
     /// How many periods of a window are left out.
@@ -79,10 +83,10 @@ impl Default for ReportSettings {
             error: ErrorOf::default(),
             discard_periods: 1,
             warm_up: WarmUp::default(),
-            control: BTreeMap::from([("virtualization".to_owned(), "native".to_owned())]),
+            baseline: BTreeMap::from([("virtualization".to_owned(), "native".to_owned())]),
             figures: Vec::new(),
             family: Family::default(),
-            matters: None,
+            equivalence_margin: None,
             seed: 0,
         }
     }
@@ -194,6 +198,32 @@ impl Method {
             Self::Exact => "exact",
             Self::Asymptotic => "asymptotic",
             Self::Paper => "paper",
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use serde_json::json;
+
+    use super::*;
+
+    #[test]
+    fn a_setting_is_read_under_the_name_that_it_had_and_written_under_its_own() {
+        let former = json!({"control": {"os": "debian"}, "matters": "2mm", "family": "against-controls"});
+        let settings: ReportSettings = serde_json::from_value(former).unwrap();
+        let written = serde_json::to_value(settings).unwrap();
+        assert_eq!(written["baseline"], json!({"os": "debian"}));
+        assert_eq!(written["equivalence_margin"], "2mm");
+        assert_eq!(written["family"], "against-baseline");
+        for (former, own) in ReportSettings::RENAMED {
+            assert!(written.get(former).is_none(), "{written:#}");
+            let mut both = written.clone();
+            both[former] = both[own].clone();
+            assert!(
+                serde_json::from_value::<ReportSettings>(both).is_err(),
+                "{former}"
+            );
         }
     }
 }

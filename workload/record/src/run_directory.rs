@@ -16,10 +16,10 @@
 #![allow(clippy::incompatible_msrv)]
 
 mod chain;
-mod checksums;
 mod clock_drift;
 mod control_trace;
 mod environment;
+mod facts;
 mod journal;
 mod lines;
 mod log;
@@ -30,25 +30,29 @@ mod plan;
 mod plant_trace;
 mod reading;
 mod records;
+mod state;
 mod whole;
 
 use std::path::{Path, PathBuf};
 
 pub use cap_std::fs::OpenOptions;
 pub use chain::Chain;
-pub use checksums::{Checksums, ScenarioChecksums};
 pub use clock_drift::ClockDrift;
 pub use control_trace::{ControlTrace, Expected, PeriodError, PeriodPath, SLICES};
-pub use environment::{Difference, EnvironmentRecord};
+pub use environment::{Difference, EnvironmentRecord, RecordedPlatform};
+pub use facts::{EngineParts, VagrantBox, fact};
 pub use journal::{Event, Journal, JournalEntry, Outcome, Resource};
 pub use log::{Fault, LogError};
-pub use manifest::{HostRecord, Manifest, Revision};
+pub use manifest::{HostRecord, Manifest, RecordedConnection, Revision};
 pub use place::{FileDigest, Kind, Place, Unfinished};
 pub use plan::{PlanRecord, PlannedScenario, letter};
 pub use plant_trace::PlantTrace;
 pub use reading::{LONGEST_RECORD, ReadError, read_environment, read_file, read_record, read_window};
 pub use records::RunRecords;
-pub use whole::{NotWhole, see_that_file_is_whole, see_that_window_is_whole};
+pub use state::{
+    BrokenWindow, Collected, MadeEnvironment, OpenEnvironment, RoundState, RunState, ScenarioState,
+};
+pub use whole::{NotWhole, ensure_file_is_whole, ensure_window_is_whole, read_whole_record};
 
 use crate::layout;
 

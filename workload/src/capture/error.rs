@@ -3,9 +3,7 @@
 use std::{io, path::PathBuf, sync::Arc};
 
 use nix::errno::Errno;
-use record::virtual_host::VirtualHost;
-
-use crate::limits;
+use record::{limits, virtual_host::VirtualHost};
 
 /// Why there is no capture.
 #[derive(Debug, Clone, thiserror::Error)]

@@ -124,8 +124,8 @@ impl PacketSocket {
 }
 
 impl PacketSource for PacketSocket {
-    fn wait(&self, wake: &EventFd, patience: Option<Duration>) -> Result<Wakened, CaptureError> {
-        wait_for(self.socket.as_fd(), wake, patience).map_err(self.failed("waiting for packets"))
+    fn wait(&self, wake: &EventFd, timeout: Option<Duration>) -> Result<Wakened, CaptureError> {
+        wait_for(self.socket.as_fd(), wake, timeout).map_err(self.failed("waiting for packets"))
     }
 
     fn receive(&mut self, buffer: &mut [u8]) -> Result<Option<Packet>, CaptureError> {

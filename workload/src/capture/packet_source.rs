@@ -19,7 +19,7 @@ pub trait PacketSource: Send {
     ///
     /// # Errors
     /// If there will be no more packets.
-    fn wait(&self, wake: &EventFd, patience: Option<Duration>) -> Result<Wakened, CaptureError>;
+    fn wait(&self, wake: &EventFd, timeout: Option<Duration>) -> Result<Wakened, CaptureError>;
 
     /// Reads the next packet into the buffer, as much of it as there is room for; nothing if none waits.
     ///
@@ -67,13 +67,13 @@ pub enum Wakened {
 pub(super) fn wait_for(
     source: BorrowedFd<'_>,
     wake: &EventFd,
-    patience: Option<Duration>,
+    timeout: Option<Duration>,
 ) -> Result<Wakened, Errno> {
     let mut fds = [
         PollFd::new(source, PollFlags::POLLIN),
         PollFd::new(wake.as_fd(), PollFlags::POLLIN),
     ];
-    match ppoll(&mut fds, patience.map(TimeSpec::from), None) {
+    match ppoll(&mut fds, timeout.map(TimeSpec::from), None) {
         Ok(_) => {}
         Err(Errno::EINTR) => return Ok(Wakened::ByPacketOrTime),
         Err(error) => return Err(error),

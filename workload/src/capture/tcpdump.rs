@@ -38,7 +38,7 @@ pub(super) const NAME: &str = "tcpdump";
 /// Room in the pipe: what the experiment sends in some seconds.
 const PIPE_BYTES: i32 = 1 << 20;
 /// The longest that an answer on standard error is waited for.
-const PATIENCE: Duration = Duration::from_secs(5);
+const TIMEOUT: Duration = Duration::from_secs(5);
 /// A packet comes through the kernel's ring, tcpdump and the pipe, of which only the last two are processes that may
 /// have to wait for their turn.
 const LATEST_AFTER_NS: i64 = 1_000_000_000;
@@ -171,7 +171,7 @@ impl Tcpdump {
                 self.said.clear();
                 return Ok(heard);
             }
-            let left = PATIENCE.saturating_sub(begun.elapsed());
+            let left = TIMEOUT.saturating_sub(begun.elapsed());
             if ended || left.is_zero() {
                 return Err(self.failure());
             }
@@ -212,8 +212,8 @@ impl Tcpdump {
 }
 
 impl PacketSource for Tcpdump {
-    fn wait(&self, wake: &EventFd, patience: Option<Duration>) -> Result<Wakened, CaptureError> {
-        wait_for(self.packets.as_fd(), wake, patience).map_err(|source| CaptureError::Socket {
+    fn wait(&self, wake: &EventFd, timeout: Option<Duration>) -> Result<Wakened, CaptureError> {
+        wait_for(self.packets.as_fd(), wake, timeout).map_err(|source| CaptureError::Socket {
             host: self.host,
             action: "waiting for packets",
             source,

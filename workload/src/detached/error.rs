@@ -6,7 +6,7 @@ use std::{
     time::Duration,
 };
 
-use record::detached::Failure;
+use record::{detached::Failure, transfer::SendError};
 use rustix::io::Errno;
 
 use crate::network::NetworkError;
@@ -66,6 +66,9 @@ pub enum DetachedError {
         /// What is said to be there.
         there: u64,
     },
+    /// The data folder was not sent.
+    #[error(transparent)]
+    Send(#[from] SendError),
     /// A file or folder refused.
     #[error("cannot {action} {}", path.display())]
     File {
@@ -161,14 +164,20 @@ impl DetachedError {
             Self::Root { .. } => "write the whole path, from `/` on",
             Self::Exists { .. } => "remove it first, or choose another name",
             Self::Missing { .. } => "`workload detached list` says which there are",
-            Self::Beyond { .. } => "the file has been written anew: ask for it from its beginning",
+            Self::Beyond { .. } | Self::Send(SendError::Beyond { .. }) => {
+                "the file has been written anew: ask for it from its beginning"
+            }
             Self::Stubborn { .. } => {
                 "the kernel keeps it, usually for a disk that does not answer: try again later, or restart the host"
             }
             Self::Silent { .. } => "send an empty line now and then, more often than `--beat` says",
             Self::Bridge { source, .. } => return source.hint(),
             Self::Supervisor(failure) => return failure.hint.clone(),
-            Self::File { source, .. } | Self::System { source, .. } => return hint_of_system(source),
+            Self::File { source, .. }
+            | Self::System { source, .. }
+            | Self::Send(SendError::Read { source, .. } | SendError::Stream(source)) => {
+                return hint_of_system(source);
+            }
             Self::Input { .. } | Self::TooLong { .. } => return None,
         };
         Some(hint.to_owned())

@@ -31,7 +31,7 @@ use super::{DetachedError, descriptor, process, stream};
 /// What the file of a lease says, and the line of who asks for one.
 const MOST: usize = 16 << 10;
 /// How long the older holder may take to end when it is asked to.
-const PATIENCE: Duration = Duration::from_secs(5);
+const TIMEOUT: Duration = Duration::from_secs(5);
 const LOCK: &str = "lock the lease";
 const LISTEN: &str = "read standard input";
 
@@ -182,7 +182,7 @@ fn take_over(file: &File, path: &Path, request: &LeaseRequest) -> Result<bool, D
     };
     if let Some(holder) = process::leaseholder(pid, path)? {
         holder.ask_to_end()?;
-        if !holder.wait(PATIENCE)? {
+        if !holder.wait(TIMEOUT)? {
             holder.kill()?;
         }
         lock(file)?;

@@ -4,7 +4,7 @@
 //! is not our child, and never means another process that got the same number.
 
 use std::{
-    fs, io,
+    fs, io, iter,
     os::fd::{AsFd, BorrowedFd, OwnedFd},
     path::Path,
     process::Child,
@@ -12,6 +12,7 @@ use std::{
     time::Duration,
 };
 
+use record::call::word;
 use rustix::{
     event::{PollFd, PollFlags},
     io::Errno,
@@ -176,33 +177,50 @@ fn command_line(pid: Pid) -> Vec<u8> {
 fn role(command_line: &[u8], folder: &EnvironmentFolder) -> Option<Role> {
     let arguments = arguments(command_line);
     let has = |option, value| has(&arguments, option, value);
-    if !has(b"--environment", folder.environment().as_bytes()) {
+    if !has(word::ENVIRONMENT, folder.environment().as_bytes()) {
         return None;
     }
-    let data = folder.data();
-    let root = folder.root();
-    match arguments.get(1..)? {
-        [b"run", ..] if has(b"--data", data.as_os_str().as_encoded_bytes()) => Some(Role::Workload),
-        [b"detached", b"supervise", ..] if has(b"--root", root.as_os_str().as_encoded_bytes()) => {
-            Some(Role::Supervisor)
-        }
-        _ => None,
+    let (data, root) = (folder.data(), folder.root());
+    if is_call(&arguments, &[word::RUN]) && has(word::DATA, data.as_os_str().as_encoded_bytes()) {
+        Some(Role::Workload)
+    } else if is_call(&arguments, &[word::DETACHED, word::SUPERVISE])
+        && has(word::ROOT, root.as_os_str().as_encoded_bytes())
+    {
+        Some(Role::Supervisor)
+    } else {
+        None
     }
 }
 
 fn is_leaseholder(command_line: &[u8], lease: &Path) -> bool {
     let arguments = arguments(command_line);
-    arguments.get(1..3) == Some(&[b"detached".as_slice(), b"lease"])
-        && has(&arguments, b"--path", lease.as_os_str().as_encoded_bytes())
+    is_call(&arguments, &[word::DETACHED, word::LEASE])
+        && has(&arguments, word::PATH, lease.as_os_str().as_encoded_bytes())
 }
 
 fn arguments(command_line: &[u8]) -> Vec<&[u8]> {
     command_line.split(|byte| *byte == 0).collect()
 }
 
+/// Whether the arguments after the program begin with these words.
+fn is_call(arguments: &[&[u8]], words: &[&str]) -> bool {
+    let given = arguments
+        .iter()
+        .skip(1)
+        .copied()
+        .map(Some)
+        .chain(iter::repeat(None));
+    words
+        .iter()
+        .zip(given)
+        .all(|(word, given)| given == Some(word.as_bytes()))
+}
+
 /// Whether an option has that value.
-fn has(arguments: &[&[u8]], option: &[u8], value: &[u8]) -> bool {
-    arguments.windows(2).any(|pair| *pair == [option, value])
+fn has(arguments: &[&[u8]], option: &str, value: &[u8]) -> bool {
+    arguments
+        .windows(2)
+        .any(|pair| pair[0].strip_prefix(b"--") == Some(option.as_bytes()) && pair[1] == value)
 }
 
 #[cfg(test)]

@@ -9,16 +9,16 @@ use super::{
     process::{self, Process, Role},
 };
 
-/// Ends the workload, in order if it does so within `patience`, then removes the folder. What is gone already is fine.
+/// Ends the workload, in order if it does so within `timeout`, then removes the folder. What is gone already is fine.
 ///
 /// # Errors
 /// When we may not, or something cannot be ended or removed.
-pub fn remove(folder: &EnvironmentFolder, patience: Duration) -> Result<Removed, DetachedError> {
+pub fn remove(folder: &EnvironmentFolder, timeout: Duration) -> Result<Removed, DetachedError> {
     let mut removed = false;
     loop {
         let living = process::find(folder)?;
         for process in &living {
-            end(process, patience)?;
+            end(process, timeout)?;
         }
         removed |= folder.remove()?;
         // Another `start` may have been between its steps: a supervisor may have started a workload, or made files.
@@ -28,7 +28,7 @@ pub fn remove(folder: &EnvironmentFolder, patience: Duration) -> Result<Removed,
     }
 }
 
-fn end(process: &Process, patience: Duration) -> Result<(), DetachedError> {
+fn end(process: &Process, timeout: Duration) -> Result<(), DetachedError> {
     match process.role {
         Role::Workload => {
             process.ask_to_end()?;
@@ -36,7 +36,7 @@ fn end(process: &Process, patience: Duration) -> Result<(), DetachedError> {
         // A supervisor ends by itself when its workload has, and has written down how.
         Role::Supervisor | Role::Leaseholder => {}
     }
-    match process.wait(patience)? {
+    match process.wait(timeout)? {
         true => Ok(()),
         false => process.kill(),
     }

@@ -6,7 +6,10 @@ use std::{
     process::{Child, Command, Stdio},
 };
 
-use record::detached::{Failure, Start, Started};
+use record::{
+    call::{Detached, Root, Which},
+    detached::{Failure, Start, Started},
+};
 
 use super::{DetachedError, EnvironmentFolder, stream};
 
@@ -29,12 +32,16 @@ pub fn start(folder: &EnvironmentFolder) -> Result<Started, DetachedError> {
 }
 
 fn spawn(folder: &EnvironmentFolder) -> Result<Child, DetachedError> {
+    let supervise = Detached::Supervise(Which {
+        root: Root {
+            root: folder.root().to_owned(),
+        },
+        environment: folder.environment().to_owned(),
+    });
     env::current_exe()
         .and_then(|program| {
             Command::new(program)
-                .args(["detached", "supervise", "--root"])
-                .arg(folder.root())
-                .args(["--environment", folder.environment()])
+                .args(supervise.arguments())
                 // Nothing of the surroundings in which it happened to be started may reach the experiment.
                 .env_clear()
                 .current_dir("/")

@@ -2,7 +2,6 @@
 
 use std::{
     env,
-    ffi::OsString,
     fs::File,
     io,
     os::unix::process::ExitStatusExt as _,
@@ -11,6 +10,7 @@ use std::{
 };
 
 use record::{
+    call::Run,
     detached::{Ended, Started},
     settings::Settings,
 };
@@ -35,7 +35,7 @@ pub fn supervise(folder: &EnvironmentFolder) -> Result<(), DetachedError> {
     let mut workload = env::current_exe()
         .and_then(|program| {
             Command::new(program)
-                .args(arguments(folder, &settings, &windows))
+                .args(Run::of(folder.environment(), &settings, folder.data(), &windows).arguments())
                 .stdin(Stdio::null())
                 .stdout(lines)
                 .stderr(errors)
@@ -49,23 +49,6 @@ pub fn supervise(folder: &EnvironmentFolder) -> Result<(), DetachedError> {
         .wait()
         .map_err(DetachedError::system("wait for the workload"))?;
     folder.write_ended(ended(status))
-}
-
-fn arguments(folder: &EnvironmentFolder, settings: &Settings, windows: &[u32]) -> Vec<OsString> {
-    let windows: Vec<_> = windows.iter().map(u32::to_string).collect();
-    // Plain data can always be written as JSON.
-    let settings = serde_json::to_string(settings).unwrap_or_default();
-    vec![
-        "run".into(),
-        "--environment".into(),
-        folder.environment().into(),
-        "--settings".into(),
-        settings.into(),
-        "--data".into(),
-        folder.data().into(),
-        "--windows".into(),
-        windows.join(",").into(),
-    ]
 }
 
 fn ended(status: ExitStatus) -> Ended {

@@ -13,11 +13,11 @@ use record::{
     settings::{PlantSends, Settings},
     virtual_host::VirtualHost,
 };
+use simulation::message::{StateEncoder, Topic};
 
 use super::{
     latest_value::{self, CommandReader, StateReader},
     loops::{PlantOutput, answer},
-    message::{StateEncoder, Topic},
 };
 use crate::{
     realtime::priority::request_fifo,
@@ -25,7 +25,7 @@ use crate::{
 };
 
 /// How long the nodes have to find each other: several lost packets in a row, each retried after a second or more.
-pub const PATIENCE: Duration = Duration::from_secs(60);
+pub const TIMEOUT: Duration = Duration::from_secs(60);
 
 /// How often a wait looks up whether it is still wanted.
 const LOOK_UP: Duration = Duration::from_millis(250);
@@ -156,7 +156,7 @@ fn config(
     let priority = settings.realtime.priority;
     NodeConfig {
         tcp_nodelay: settings.ros.tcp_nodelay,
-        master_patience: PATIENCE,
+        master_patience: TIMEOUT,
         notices,
         // As urgent as the loop that waits for the message. Refused here, it is refused to the loop too, which records
         // it.
@@ -184,9 +184,9 @@ impl<E> Side<E> {
     /// If a topic could not be registered, or nobody is there by the deadline.
     pub fn wait(&self, deadline: Instant, stop: &AtomicBool) -> Result<bool, RosError> {
         Ok(
-            wait_in_parts(deadline, stop, |patience| self.subscribers.wait_for(1, patience))?
-                && wait_in_parts(deadline, stop, |patience| {
-                    self.subscription.wait_for_publishers(1, patience)
+            wait_in_parts(deadline, stop, |timeout| self.subscribers.wait_for(1, timeout))?
+                && wait_in_parts(deadline, stop, |timeout| {
+                    self.subscription.wait_for_publishers(1, timeout)
                 })?,
         )
     }

@@ -2,14 +2,12 @@
 
 use std::{io, path::PathBuf};
 
-use record::virtual_host::VirtualHost;
-
-use crate::{
-    capture::CaptureError,
+use record::{
     limits::{self, LimitError},
-    network::NetworkError,
-    ros::RosError,
+    virtual_host::VirtualHost,
 };
+
+use crate::{capture::CaptureError, network::NetworkError, ros::RosError};
 
 /// Why the experiment could not go on.
 #[derive(Debug, thiserror::Error)]

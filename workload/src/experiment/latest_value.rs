@@ -3,8 +3,8 @@
 //! thread's end and the reader for the loop.
 
 use record::settings::Messages;
+use simulation::message::{CommandMessage, StateMessage};
 
-use super::message::{CommandMessage, StateMessage};
 use crate::realtime::{
     latest::{LatestReader, LatestWriter, latest},
     monotonic_ns,
@@ -119,8 +119,9 @@ impl CommandReader {
 
 #[cfg(test)]
 mod tests {
+    use simulation::message::StateEncoder;
+
     use super::*;
-    use crate::experiment::message::StateEncoder;
 
     fn receive_three(messages: Messages) -> (StateMessage, i64) {
         let (writer, reader) = states();

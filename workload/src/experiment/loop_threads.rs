@@ -13,16 +13,15 @@ use record::{
     settings::{RealtimeSettings, Settings, Waiting},
 };
 use rtrb::{Consumer, RingBuffer};
+use simulation::{controller::Controller, plant::Plant, reference::Reference, schedule::Schedule};
 
 use super::{
     connection::{ControllerEnds, PlantEnds},
     error::ExperimentError,
     loops::{ControllerLoop, PlantLoop, Shared},
-    schedule::{Pace, Schedule},
+    schedule::Pace,
 };
-use crate::{
-    controller::Controller, plant::Plant, realtime::enter_realtime, reference::Reference, ros::Publisher,
-};
+use crate::{realtime::enter_realtime, ros::Publisher};
 
 /// How many seconds of rows the queues hold: a disk may hang that long.
 const QUEUE_SECONDS: f64 = 60.0;

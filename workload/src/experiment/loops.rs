@@ -11,15 +11,19 @@ use std::sync::{
 
 use record::{control_log::ControlRow, plant_log::PlantRow, settings::Messages};
 use rtrb::Producer;
+use simulation::{
+    controller::Controller,
+    message::{CommandEncoder, CommandMessage, StateEncoder, StateMessage},
+    plant::Plant,
+    reference::Reference,
+    schedule::Schedule,
+};
 
 use super::{
     latest_value::{CommandReader, CommandWriter, StateReader, StateWriter},
-    message::{CommandEncoder, CommandMessage, StateEncoder, StateMessage},
-    schedule::{Pace, Schedule},
+    schedule::{Pace, follow},
 };
-use crate::{
-    controller::Controller, plant::Plant, realtime::monotonic_ns, reference::Reference, ros::Publisher,
-};
+use crate::{realtime::monotonic_ns, ros::Publisher};
 
 /// What both loops share with the rest of the process.
 #[derive(Debug, Clone)]
@@ -61,7 +65,7 @@ impl PlantLoop {
     /// Does all steps. Gives the publisher back, if it has it: dropping it closes its connections, which is for when the
     /// other loop has ended, too.
     pub fn run(mut self, schedule: &Schedule, pace: Pace, shared: &Shared) -> Option<Publisher> {
-        schedule.follow(pace, &shared.stop, |tick| {
+        follow(schedule, pace, &shared.stop, |tick| {
             let command = self.commands.read().unwrap_or_default();
             let axes = self.plant.tick(command.voltage_v);
             let state = StateMessage {
@@ -139,7 +143,7 @@ impl ControllerLoop {
     /// Does all steps. Gives the publisher back, as the plant does.
     pub fn run(mut self, schedule: &Schedule, pace: Pace, shared: &Shared) -> Option<Publisher> {
         let mut encoder = CommandEncoder::new(self.messages);
-        schedule.follow(pace, &shared.stop, |tick| {
+        follow(schedule, pace, &shared.stop, |tick| {
             let began_ns = tick.began_ns - shared.zero_ns;
             let mut send = |voltage_v| {
                 let command = CommandMessage {

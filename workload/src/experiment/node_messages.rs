@@ -5,8 +5,7 @@ use record::{
     control_log::ControlRow, plant_log::PlantRow, platform::RealtimeGrant, virtual_host::VirtualHost,
 };
 use serde::{Deserialize, Serialize};
-
-use super::schedule::Schedule;
+use simulation::schedule::Schedule;
 
 /// Which program a process is.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]

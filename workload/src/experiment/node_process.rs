@@ -23,12 +23,12 @@ use nix::{
 };
 use record::{control_log::ControlRow, plant_log::PlantRow, platform::RealtimeGrant, settings::Settings};
 use rtrb::Producer;
+use simulation::schedule::Schedule;
 
 use super::{
     error::ExperimentError,
     master::RunningMaster,
     node_messages::{Order, Program, Report},
-    schedule::Schedule,
 };
 use crate::{
     child_process,
@@ -38,7 +38,7 @@ use crate::{
 /// How often its thread looks whether the process is to stop.
 const LOOK_EVERY_MS: u16 = 100;
 /// For the process to close its connections and end.
-const END_PATIENCE: Duration = Duration::from_secs(10);
+const END_TIMEOUT: Duration = Duration::from_secs(10);
 /// The longest line that is read; a report has at most 256 rows.
 const LONGEST_LINE: usize = 1 << 20;
 
@@ -303,7 +303,7 @@ impl Attendant {
             }
             if self.closing.load(Ordering::Relaxed) {
                 let since = *closing_since.get_or_insert_with(Instant::now);
-                if since.elapsed() > END_PATIENCE {
+                if since.elapsed() > END_TIMEOUT {
                     return Err(io::ErrorKind::TimedOut.into());
                 }
             }

@@ -19,15 +19,15 @@ use record::{
     settings::{RosMaster, Settings},
 };
 use rtrb::Consumer;
+use simulation::schedule::Schedule;
 
 use super::{
-    connection::{PATIENCE, Side, Tenancy},
+    connection::{Side, TIMEOUT, Tenancy},
     error::ExperimentError,
     loop_threads::LoopThread,
     loops::Shared,
     master,
     node_messages::{Order, Program, Report},
-    schedule::Schedule,
 };
 use crate::{
     realtime::lock_memory,
@@ -104,7 +104,7 @@ fn serve_loop<E, R>(
     start: impl FnOnce(&Settings, E) -> Result<(LoopThread, Consumer<R>, RealtimeGrant), ExperimentError>,
     report: impl Fn(Vec<R>) -> Report,
 ) -> Result<(), ExperimentError> {
-    let connected = side.wait(Instant::now() + PATIENCE, &told.stop);
+    let connected = side.wait(Instant::now() + TIMEOUT, &told.stop);
     say_notices(&told.queue);
     let connected = connected?;
     let (tenancy, ends) = side.into_parts();

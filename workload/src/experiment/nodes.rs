@@ -19,9 +19,10 @@ use record::{
     virtual_host::VirtualHost,
 };
 use rtrb::{Consumer, RingBuffer};
+use simulation::schedule::Schedule;
 
 use super::{
-    connection::{ControllerEnds, PATIENCE, PlantEnds, Side, Tenancy},
+    connection::{ControllerEnds, PlantEnds, Side, TIMEOUT, Tenancy},
     error::ExperimentError,
     loop_threads::{LoopThread, queue_capacity},
     loops::Shared,
@@ -30,7 +31,6 @@ use super::{
     node_messages::Program,
     node_process::{Given, NodeProcess, Rows},
     notices::NoticeQueue,
-    schedule::Schedule,
 };
 use crate::network::Network;
 
@@ -80,7 +80,7 @@ impl Nodes {
     /// # Errors
     /// If something cannot be started or the nodes do not find each other.
     pub fn connect(setting: &Setting<'_>) -> Result<Option<Self>, ExperimentError> {
-        let deadline = Instant::now() + PATIENCE;
+        let deadline = Instant::now() + TIMEOUT;
         match setting.settings.loops.processes {
             Processes::Threads => Self::connect_threads(setting, deadline),
             Processes::Separate => Self::connect_processes(setting, deadline),

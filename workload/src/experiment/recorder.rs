@@ -44,7 +44,7 @@ const HEALTH_EVERY_NS: i64 = 1000 * MILLISECOND_NS;
 /// How long before it begins the captures are told of a window.
 const ANNOUNCE_AHEAD_NS: i64 = 1000 * MILLISECOND_NS;
 /// How long after its end a window waits for its captures and the plant's last steps.
-const CAPTURE_PATIENCE_NS: i64 = 30_000 * MILLISECOND_NS;
+const CAPTURE_TIMEOUT_NS: i64 = 30_000 * MILLISECOND_NS;
 
 /// How a run ended without failing.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -436,7 +436,7 @@ impl<'a> Recorder<'a> {
     fn hand_over(&mut self, closed: &Sender<ClosedWindow>, loops_ended: bool) -> Result<(), ExperimentError> {
         self.drain()?;
         while let Some(front) = self.closing.front() {
-            let overdue = monotonic_ns() > front.ended.monotonic_ns + CAPTURE_PATIENCE_NS;
+            let overdue = monotonic_ns() > front.ended.monotonic_ns + CAPTURE_TIMEOUT_NS;
             let plant_done = loops_ended || self.plant_is_done(&front.window);
             if !overdue && (front.window.waits_for_captures() || !plant_done) {
                 return Ok(());

@@ -16,21 +16,21 @@ use record::{
     settings::Settings,
     virtual_host::VirtualHost,
 };
+use simulation::schedule::Schedule;
 
 use super::{
     AHEAD_NS,
     connection::{Side, Tenancy},
     emulator_priority,
     error::ExperimentError,
-    listeners::Listeners,
     loop_threads::LoopThread,
     loops::Shared,
     master,
+    namespace_entries::NamespaceEntries,
     namespace_thread::on_host,
     nanoseconds,
     notices::NoticeQueue,
     reporter::Reporter,
-    schedule::Schedule,
 };
 use crate::{capabilities::drop_unneeded, network, realtime::monotonic_ns, ros::Notices};
 
@@ -52,7 +52,7 @@ pub fn rehearse(
     let network = network.as_ref();
     // Nodes of others come at any time: there is no moment from which on all are connected.
     network.impair()?;
-    let _doors = Listeners::open(network)?;
+    let _entries = NamespaceEntries::open(network)?;
     reporter.say(&Progress::NetworkUp);
     let mut board = NoticeQueue::new();
     let notices = board.of(VirtualHost::H1);

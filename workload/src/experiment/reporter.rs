@@ -24,7 +24,7 @@ use crate::capabilities::drop_unneeded;
 const MOST_WAITING: usize = 1024;
 
 /// How long the last lines may take.
-const END_PATIENCE: Duration = Duration::from_secs(2);
+const END_TIMEOUT: Duration = Duration::from_secs(2);
 
 /// Takes progress from any thread. It never fails: what cannot be written is not worth a measurement.
 #[derive(Debug)]
@@ -80,6 +80,6 @@ impl Reporter {
         drop(self.lines);
         // Nothing is ever sent: the thread's end closes the channel.
         let ended = self.ended.into_inner().unwrap_or_else(PoisonError::into_inner);
-        let _ = ended.recv_timeout(END_PATIENCE);
+        let _ = ended.recv_timeout(END_TIMEOUT);
     }
 }

@@ -1,23 +1,11 @@
-//! When the steps of the two loops are due: absolute times, so that lateness never adds up. The main types are
-//! [`Schedule`], [`Pace`] and [`Tick`].
+//! How a loop keeps its [`Schedule`] on the real clock. The function is [`follow`].
 
 use std::sync::atomic::{AtomicBool, Ordering};
 
 use record::settings::{LateTicks, Waiting};
-use serde::{Deserialize, Serialize};
+use simulation::schedule::{Schedule, Tick};
 
 use crate::realtime::{monotonic_ns, sleep_until};
-
-/// A loop's deadlines, on the monotonic clock.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
-pub struct Schedule {
-    /// When step 0 is due.
-    pub first_ns: i64,
-    /// From one step to the next.
-    pub step_ns: i64,
-    /// How many there are.
-    pub steps: u64,
-}
 
 /// How a loop keeps its schedule.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -28,65 +16,23 @@ pub struct Pace {
     pub waiting: Waiting,
 }
 
-/// One step that has begun.
-#[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
-pub struct Tick {
-    /// Counts from 0. Where ticks are lost, it is the newest that was due.
-    pub step: u64,
-    /// When it was due, on the monotonic clock; where ticks before it were lost, when the first of them was due.
-    pub due_ns: i64,
-    /// When it began.
-    pub began_ns: i64,
-}
-
-impl Schedule {
-    /// When a step is due.
-    #[must_use]
-    pub fn due_ns(&self, step: u64) -> i64 {
-        self.first_ns + self.step_ns * i64::try_from(step).unwrap_or(i64::MAX / self.step_ns.max(1))
-    }
-
-    /// Calls `body` at each step until all are done or it is told to stop. How late each was is on record.
-    ///
-    /// Caught up, no step is left out: after a stall the missed ones follow at once, so that plant time does not fall behind
-    /// the clock. Lost, they are an interval timer's (setitimer(2)): a signal that is pending already is not raised once
-    /// more, so that of all ticks that fall due before a step begins one is done.
-    pub fn follow(&self, pace: Pace, stop: &AtomicBool, mut body: impl FnMut(Tick)) {
-        let mut next = 0;
-        while next < self.steps {
-            let due_ns = self.due_ns(next);
-            match pace.waiting {
-                Waiting::Sleep => sleep_until(due_ns),
-                Waiting::Spin => spin_until(due_ns, stop),
-            }
-            if stop.load(Ordering::Relaxed) {
-                return;
-            }
-            let tick = self.tick(pace.late_ticks, next, monotonic_ns());
-            if tick.step < self.steps {
-                body(tick);
-            }
-            next = tick.step.saturating_add(1);
+/// Calls `body` at each step until all are done or it is told to stop. How late each was is on record.
+pub fn follow(schedule: &Schedule, pace: Pace, stop: &AtomicBool, mut body: impl FnMut(Tick)) {
+    let mut next = 0;
+    while next < schedule.steps {
+        let due_ns = schedule.due_ns(next);
+        match pace.waiting {
+            Waiting::Sleep => sleep_until(due_ns),
+            Waiting::Spin => spin_until(due_ns, stop),
         }
-    }
-
-    /// The tick that begins now, when `pending` is the first step that was not done.
-    #[must_use]
-    pub fn tick(&self, late_ticks: LateTicks, pending: u64, began_ns: i64) -> Tick {
-        Tick {
-            step: match late_ticks {
-                LateTicks::CaughtUp => pending,
-                LateTicks::Lost => self.newest_due(pending, began_ns),
-            },
-            due_ns: self.due_ns(pending),
-            began_ns,
+        if stop.load(Ordering::Relaxed) {
+            return;
         }
-    }
-
-    /// The newest step that is due by then, at least `pending`.
-    fn newest_due(&self, pending: u64, now_ns: i64) -> u64 {
-        let due = (now_ns - self.first_ns).div_euclid(self.step_ns.max(1));
-        u64::try_from(due).unwrap_or(0).max(pending)
+        let tick = schedule.tick(pace.late_ticks, next, monotonic_ns());
+        if tick.step < schedule.steps {
+            body(tick);
+        }
+        next = tick.step.saturating_add(1);
     }
 }
 
@@ -120,7 +66,7 @@ mod tests {
 
     fn ticks(schedule: &Schedule, pace: Pace) -> Vec<Tick> {
         let mut ticks = Vec::new();
-        schedule.follow(pace, &AtomicBool::new(false), |tick| ticks.push(tick));
+        follow(schedule, pace, &AtomicBool::new(false), |tick| ticks.push(tick));
         ticks
     }
 
@@ -164,19 +110,10 @@ mod tests {
     }
 
     #[test]
-    fn a_tick_in_time_is_its_own() {
-        let schedule = schedule(0);
-        assert_eq!(schedule.newest_due(3, 3 * MS), 3);
-        assert_eq!(schedule.newest_due(3, 4 * MS - 1), 3);
-        assert_eq!(schedule.newest_due(3, 4 * MS), 4);
-        assert_eq!(schedule.newest_due(0, -1), 0);
-    }
-
-    #[test]
     fn no_step_begins_after_the_loop_was_told_to_stop() {
         let stop = AtomicBool::new(false);
         let mut done = 0;
-        schedule(monotonic_ns()).follow(CAUGHT_UP, &stop, |_| {
+        follow(&schedule(monotonic_ns()), CAUGHT_UP, &stop, |_| {
             done += 1;
             stop.store(done == 2, Ordering::Relaxed);
         });

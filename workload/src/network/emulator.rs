@@ -24,11 +24,11 @@ use nix::{
     },
 };
 use record::{virtual_host::VirtualHost, window::LinkRecord};
+use simulation::link::Impairment;
 
 use super::{
     device::Tap,
     error::NetworkError,
-    link::Impairment,
     namespace::errno,
     release_lateness::{ReleaseCounts, ReleaseLateness},
     star::{Delivery, FRAME_BYTES, Star},
@@ -191,7 +191,7 @@ impl Carrier {
             interest(sta2.as_fd()),
             interest(stop.as_fd()),
         ];
-        match ppoll(&mut fds, self.patience().map(TimeSpec::from), None) {
+        match ppoll(&mut fds, self.timeout().map(TimeSpec::from), None) {
             Ok(_) | Err(Errno::EINTR) => {}
             Err(source) => {
                 return Err(NetworkError::Carrying {
@@ -208,7 +208,7 @@ impl Carrier {
     }
 
     /// How long nothing needs to be done unless a host sends.
-    fn patience(&self) -> Option<Duration> {
+    fn timeout(&self) -> Option<Duration> {
         let now_ns = self.clock.now_ns();
         let until_due = self
             .star

@@ -44,7 +44,7 @@ use super::{
 const PREFIX: &str = "mx";
 
 /// Mininet takes about a second, about fifteen on an emulated processor, and over 120 where that one is starved as well.
-const PATIENCE: Duration = Duration::from_secs(300);
+const TIMEOUT: Duration = Duration::from_secs(300);
 
 /// A network that is up until it is dropped.
 #[derive(Debug)]
@@ -72,7 +72,7 @@ impl Mininet {
         let name = format!("{PREFIX}{:08x}", random_seed() as u32);
         let datapath = datapath()?;
         let mut script = Script::start()?;
-        let Up { pids, ports } = script.ask(&Request::up(&name, datapath, settings), PATIENCE)?;
+        let Up { pids, ports } = script.ask(&Request::up(&name, datapath, settings), TIMEOUT)?;
         let [h1, sta1, sta2] = pids.map(Namespace::of_process);
         Ok(Self {
             script: Mutex::new(script),
@@ -103,7 +103,7 @@ impl Network for Mininet {
 
     fn impair(&self) -> Result<(), NetworkError> {
         let request = Request::Impair(Impair::from(&self.settings));
-        let Done {} = self.script().ask(&request, PATIENCE)?;
+        let Done {} = self.script().ask(&request, TIMEOUT)?;
         Ok(())
     }
 
@@ -128,7 +128,7 @@ impl Network for Mininet {
     }
 
     fn transcript(&self) -> Option<String> {
-        match self.script().ask(&Request::Inspect, PATIENCE) {
+        match self.script().ask(&Request::Inspect, TIMEOUT) {
             Ok(Transcript { transcript }) => Some(transcript),
             Err(error) => Some(format!("# {error}\n")),
         }
@@ -153,7 +153,7 @@ impl Drop for Mininet {
 /// What is missing.
 pub fn survey() -> Result<(), NetworkError> {
     look_for_root()?;
-    let Done {} = Script::start()?.ask(&Request::Survey, PATIENCE)?;
+    let Done {} = Script::start()?.ask(&Request::Survey, TIMEOUT)?;
     for (program, words) in [
         (
             "ovs-vsctl",

@@ -11,9 +11,9 @@ use record::{
     virtual_host::VirtualHost,
     window::{LinkRecord, PassRecord},
 };
+use simulation::link::{Impairment, LinkEnd, Refused, Released};
 
 use super::{
-    link::{Impairment, LinkEnd, Refused, Released},
     release_lateness::ReleaseLateness,
     switch::{Forward, Switch},
 };

@@ -4,13 +4,13 @@
 use std::io;
 
 use record::{settings::NetworkSettings, virtual_host::VirtualHost, window::LinkRecord};
+use simulation::link::Impairment;
 
 use super::{
     backend::Network,
     device::{self, Interface, Tap},
     emulator::Emulator,
     error::NetworkError,
-    link::Impairment,
     namespace::{Namespace, Work},
     release_lateness::ReleaseCounts,
     star::Star,

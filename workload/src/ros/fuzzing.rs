@@ -1,10 +1,10 @@
 //! Gives what peers send to what reads it, without a connection.
 
+use simulation::ros::{float64_multi_array, string};
+
 use super::{
     connection_header::ConnectionHeader,
-    float64_multi_array,
     frames::Frames,
-    string,
     xml_rpc::{
         document::{read_call, read_response},
         http::{Inbox, Role},

@@ -21,7 +21,7 @@ use self::{
 use super::{Notices, RosError, thread_group::ThreadGroup, xml_rpc::serve};
 
 /// For its threads to end.
-const END_PATIENCE: Duration = Duration::from_secs(2);
+const END_TIMEOUT: Duration = Duration::from_secs(2);
 
 /// A running master.
 #[derive(Debug)]
@@ -64,7 +64,7 @@ impl Master {
     /// Stops serving and ends its threads, within two seconds.
     pub fn stop(self) {
         self.callbacks.close();
-        self.crew.dismiss(END_PATIENCE);
+        self.crew.dismiss(END_TIMEOUT);
     }
 }
 

@@ -13,9 +13,11 @@ use std::{
     time::Duration,
 };
 
+use simulation::ros::message_type::MessageType;
+
 use self::{membership::Membership, slave::Slave};
 use super::{
-    MessageType, Notices, Publisher, RosError, Subscription,
+    Notices, Publisher, RosError, Subscription,
     connections::Connections,
     name,
     publisher::Publication,
@@ -25,7 +27,7 @@ use super::{
 };
 
 /// For a node's threads to end, beside what unregistering takes.
-const END_PATIENCE: Duration = Duration::from_secs(2);
+const END_TIMEOUT: Duration = Duration::from_secs(2);
 
 /// What a node is to be.
 #[derive(Clone)]
@@ -49,7 +51,7 @@ pub struct NodeConfig {
 }
 
 impl NodeConfig {
-    /// With a patience of 30 s for the master and 10 s for subscribers; without TCP_NODELAY (as ROS), notices, or a setup for threads.
+    /// With a timeout of 30 s for the master and 10 s for subscribers; without TCP_NODELAY (as ROS), notices, or a setup for threads.
     #[must_use]
     pub fn new(name: &str, address: Ipv4Addr, master_uri: &str) -> Self {
         Self {
@@ -189,7 +191,7 @@ impl Node {
     pub fn shutdown(self) {
         registration::end(&self.membership);
         self.membership.close_intakes();
-        self.membership.crew.dismiss(END_PATIENCE);
+        self.membership.crew.dismiss(END_TIMEOUT);
     }
 }
 

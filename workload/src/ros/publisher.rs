@@ -19,9 +19,10 @@ use std::{
 };
 
 use rtrb::{Consumer, Producer, RingBuffer};
+use simulation::ros::message_type::MessageType;
 
 use self::outlet::{Delivery, Outlet};
-use super::{MessageType, RosError, connections::Connections};
+use super::{RosError, connections::Connections};
 
 /// Connections that one publisher serves; the experiment has one, and a few of those who look on.
 const MOST_SUBSCRIBERS: usize = 32;
@@ -256,8 +257,10 @@ impl Publication {
 mod tests {
     use std::{io::Read, net::TcpListener};
 
+    use simulation::ros::float64_multi_array::MESSAGE_TYPE;
+
     use super::*;
-    use crate::ros::{float64_multi_array::MESSAGE_TYPE, frames::Frames};
+    use crate::ros::frames::Frames;
 
     fn connection() -> (Arc<TcpStream>, TcpStream) {
         let listener = TcpListener::bind("127.0.0.1:0").unwrap();

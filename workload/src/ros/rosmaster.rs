@@ -44,13 +44,13 @@ pub const INSTALL: &str =
     "install it: `apt-get install --no-install-recommends python3-rosmaster`; or use `ros.master: embedded`";
 
 /// From its start to its first answer: Python on a slow, emulated processor.
-const READY_PATIENCE: Duration = Duration::from_secs(60);
+const READY_TIMEOUT: Duration = Duration::from_secs(60);
 /// For one attempt at an answer.
-const ANSWER_PATIENCE: Duration = Duration::from_secs(5);
+const ANSWER_TIMEOUT: Duration = Duration::from_secs(5);
 /// Between two attempts, and before it is started again.
 const PAUSE: Duration = Duration::from_millis(100);
 /// For its thread to see it end.
-const END_PATIENCE: Duration = Duration::from_secs(5);
+const END_TIMEOUT: Duration = Duration::from_secs(5);
 /// How much is kept of what it says.
 const MOST_WORDS: usize = 4096;
 
@@ -94,7 +94,7 @@ impl Rosmaster {
 
     /// Ends it and waits until it has ended.
     pub fn stop(self) {
-        self.crew.dismiss(END_PATIENCE);
+        self.crew.dismiss(END_TIMEOUT);
     }
 
     fn wait_until_ready(&self, ended: &Receiver<String>) -> Result<(), RosError> {
@@ -102,14 +102,14 @@ impl Rosmaster {
         let begun = Instant::now();
         loop {
             let error =
-                match client.call_ros("getPid", &["/workload".into()], Instant::now() + ANSWER_PATIENCE) {
+                match client.call_ros("getPid", &["/workload".into()], Instant::now() + ANSWER_TIMEOUT) {
                     Ok(_) => return Ok(()),
                     Err(error) => error,
                 };
             if let Ok(words) = ended.try_recv() {
                 return Err(RosError::RosmasterEnded { words });
             }
-            if begun.elapsed() > READY_PATIENCE || self.crew.stop().rest(PAUSE).is_err() {
+            if begun.elapsed() > READY_TIMEOUT || self.crew.stop().rest(PAUSE).is_err() {
                 return Err(RosError::MasterUnreachable {
                     master: client.address().socket.into(),
                     waited: begun.elapsed(),

@@ -11,9 +11,11 @@ use std::{
     time::Duration,
 };
 
+use simulation::ros::message_type::MessageType;
+
 use self::{inlet::Inlet, registration::Registration};
 use super::{
-    MessageType, Notice, Notices, RosError,
+    Notice, Notices, RosError,
     connections::Connections,
     thread_group::{ThreadGroup, ThreadSetup},
 };

@@ -7,16 +7,17 @@ use std::{
     time::{Duration, Instant},
 };
 
+use simulation::ros::float64_multi_array::{Encoder, MESSAGE_TYPE, decode};
+
 use super::{
     Master, Node, NodeConfig, Notice, Notices, Publisher, RosError, Subscription,
     connection_header::ConnectionHeader,
-    float64_multi_array::{Encoder, MESSAGE_TYPE, decode},
     stop::Stop,
     xml_rpc::{Client, Value},
 };
 
 const HOST: Ipv4Addr = Ipv4Addr::LOCALHOST;
-const PATIENCE: Duration = Duration::from_secs(20);
+const TIMEOUT: Duration = Duration::from_secs(20);
 
 fn master() -> Master {
     let listener = TcpListener::bind((HOST, 0)).unwrap();
@@ -48,7 +49,7 @@ fn topic_address(slave_uri: &str, topic: &str) -> SocketAddr {
     let protocols = Value::Array(vec![Value::from(vec!["TCPROS"])]);
     let params = ["/stranger".into(), topic.into(), protocols];
     let answer = client
-        .call_ros("requestTopic", &params, Instant::now() + PATIENCE)
+        .call_ros("requestTopic", &params, Instant::now() + TIMEOUT)
         .unwrap();
     match answer.as_array().unwrap() {
         [_, Value::Text(host), Value::Int(port)] => format!("{host}:{port}").parse().unwrap(),
@@ -58,7 +59,7 @@ fn topic_address(slave_uri: &str, topic: &str) -> SocketAddr {
 
 fn greet(address: SocketAddr, header: &ConnectionHeader) -> TcpStream {
     let mut stream = TcpStream::connect(address).unwrap();
-    stream.set_read_timeout(Some(PATIENCE)).unwrap();
+    stream.set_read_timeout(Some(TIMEOUT)).unwrap();
     stream.write_all(&header.to_bytes()).unwrap();
     stream
 }
@@ -81,19 +82,19 @@ fn two_nodes_exchange_messages_both_ways() {
     let (states, state_values) = forward(&controller, "/state");
     let mut command = controller.advertise("command", MESSAGE_TYPE).unwrap();
 
-    state.subscribers().wait_for(1, PATIENCE).unwrap();
-    states.wait_for_publishers(1, PATIENCE).unwrap();
-    command.subscribers().wait_for(1, PATIENCE).unwrap();
-    commands.wait_for_publishers(1, PATIENCE).unwrap();
+    state.subscribers().wait_for(1, TIMEOUT).unwrap();
+    states.wait_for_publishers(1, TIMEOUT).unwrap();
+    command.subscribers().wait_for(1, TIMEOUT).unwrap();
+    commands.wait_for_publishers(1, TIMEOUT).unwrap();
     for number in 0..100 {
         assert_eq!(publish(&mut state, [f64::from(number), 0.5]), 1);
         assert_eq!(
-            state_values.recv_timeout(PATIENCE).unwrap(),
+            state_values.recv_timeout(TIMEOUT).unwrap(),
             [f64::from(number), 0.5]
         );
         assert_eq!(publish(&mut command, [1.0, f64::from(number)]), 1);
         assert_eq!(
-            command_values.recv_timeout(PATIENCE).unwrap(),
+            command_values.recv_timeout(TIMEOUT).unwrap(),
             [1.0, f64::from(number)]
         );
     }
@@ -110,11 +111,11 @@ fn what_a_node_has_shut_down_the_master_has_forgotten() {
     let (controller, _) = node("/controller", &master);
     let _state = plant.advertise("/state", MESSAGE_TYPE).unwrap();
     let (states, _) = forward(&controller, "/state");
-    states.wait_for_publishers(1, PATIENCE).unwrap();
+    states.wait_for_publishers(1, TIMEOUT).unwrap();
     let client = Client::new(&master.uri(), Stop::new().unwrap()).unwrap();
     let state = || {
         client
-            .call_ros("getSystemState", &["/x".into()], Instant::now() + PATIENCE)
+            .call_ros("getSystemState", &["/x".into()], Instant::now() + TIMEOUT)
             .unwrap()
     };
     let row = |node: &str| Value::Array(vec![Value::Array(vec!["/state".into(), Value::from(vec![node])])]);
@@ -137,9 +138,9 @@ fn a_publisher_that_ends_and_comes_back_is_found_again() {
     for life in 0..3 {
         let (plant, _) = node("/plant", &master);
         let mut state = plant.advertise("/state", MESSAGE_TYPE).unwrap();
-        state.subscribers().wait_for(1, PATIENCE).unwrap();
+        state.subscribers().wait_for(1, TIMEOUT).unwrap();
         assert_eq!(publish(&mut state, [f64::from(life), 0.0]), 1);
-        assert_eq!(values.recv_timeout(PATIENCE).unwrap(), [f64::from(life), 0.0]);
+        assert_eq!(values.recv_timeout(TIMEOUT).unwrap(), [f64::from(life), 0.0]);
         if life == 1 {
             // It dies without a word: the next one takes its name over.
             drop(plant);
@@ -174,7 +175,7 @@ fn a_broken_connection_is_made_again_while_the_publisher_is_registered() {
     let client = Client::new(&master.uri(), Stop::new().unwrap()).unwrap();
     let params = ["/plant", "/state", MESSAGE_TYPE.name, &slave_uri].map(Value::from);
     client
-        .call_ros("registerPublisher", &params, Instant::now() + PATIENCE)
+        .call_ros("registerPublisher", &params, Instant::now() + TIMEOUT)
         .unwrap();
 
     let (_states, values) = forward(&controller, "/state");
@@ -188,10 +189,10 @@ fn a_broken_connection_is_made_again_while_the_publisher_is_registered() {
         bytes.extend_from_slice(&(message.len() as u32).to_le_bytes());
         bytes.extend_from_slice(message);
         stream.write_all(&bytes).unwrap();
-        assert_eq!(values.recv_timeout(PATIENCE).unwrap(), [f64::from(life), 1.0]);
+        assert_eq!(values.recv_timeout(TIMEOUT).unwrap(), [f64::from(life), 1.0]);
     }
     controller.shutdown();
-    crew.dismiss(PATIENCE);
+    crew.dismiss(TIMEOUT);
 }
 
 struct OneTopic(u16);
@@ -216,8 +217,8 @@ fn a_wrong_type_is_refused_with_its_reason_and_others_are_served(#[case] kind: &
     let (controller, _) = node("/controller", &master);
     let mut state = plant.advertise("/state", MESSAGE_TYPE).unwrap();
     let (states, values) = forward(&controller, "/state");
-    states.wait_for_publishers(1, PATIENCE).unwrap();
-    state.subscribers().wait_for(1, PATIENCE).unwrap();
+    states.wait_for_publishers(1, TIMEOUT).unwrap();
+    state.subscribers().wait_for(1, TIMEOUT).unwrap();
 
     let header = ConnectionHeader::new([
         ("callerid", "/stranger"),
@@ -240,7 +241,7 @@ fn a_wrong_type_is_refused_with_its_reason_and_others_are_served(#[case] kind: &
         .unwrap();
     assert!(refused.to_string().contains(md5sum), "{refused}");
     assert_eq!(publish(&mut state, [1.0, 2.0]), 1);
-    assert_eq!(values.recv_timeout(PATIENCE).unwrap(), [1.0, 2.0]);
+    assert_eq!(values.recv_timeout(TIMEOUT).unwrap(), [1.0, 2.0]);
 }
 
 #[test]
@@ -259,7 +260,7 @@ fn any_type_is_served_to_who_asks_for_any() {
     let answer = read_header(&mut stream);
     assert_eq!(answer.get("type"), Some(MESSAGE_TYPE.name));
     assert_eq!(answer.get("message_definition"), Some(MESSAGE_TYPE.definition));
-    state.subscribers().wait_for(1, PATIENCE).unwrap();
+    state.subscribers().wait_for(1, TIMEOUT).unwrap();
     assert_eq!(publish(&mut state, [1.0, 2.0]), 1);
     let mut length = [0; 4];
     stream.read_exact(&mut length).unwrap();
@@ -282,7 +283,7 @@ fn the_subscriber_decides_about_tcp_nodelay(#[case] asks: bool) {
     let controller = Node::start(config).unwrap();
     let mut state = plant.advertise("/state", MESSAGE_TYPE).unwrap();
     let _states = forward(&controller, "/state");
-    state.subscribers().wait_for(1, PATIENCE).unwrap();
+    state.subscribers().wait_for(1, TIMEOUT).unwrap();
     publish(&mut state, [1.0, 2.0]);
     assert_eq!(state.nodelay(), [asks]);
 }
@@ -317,7 +318,7 @@ fn a_registration_under_way_when_the_node_ends_is_taken_back() {
         let _commands = forward(&plant, "/command");
         plant.shutdown();
         let state = client
-            .call_ros("getSystemState", &["/x".into()], Instant::now() + PATIENCE)
+            .call_ros("getSystemState", &["/x".into()], Instant::now() + TIMEOUT)
             .unwrap();
         assert_eq!(state, Value::Array(vec![Value::Array(Vec::new()); 3]));
     }
@@ -377,7 +378,7 @@ fn without_a_master_who_waits_learns_it_when_the_patience_is_over() {
     };
     let plant = Node::start(config).unwrap();
     let state = plant.advertise("/state", MESSAGE_TYPE).unwrap();
-    let error = state.subscribers().wait_for(1, PATIENCE).unwrap_err();
+    let error = state.subscribers().wait_for(1, TIMEOUT).unwrap_err();
     assert!(matches!(error, RosError::MasterUnreachable { .. }), "{error}");
     assert!(error.hint().is_some());
     plant.shutdown();
@@ -401,8 +402,8 @@ fn a_master_that_comes_late_is_found() {
         .find(|notice| matches!(notice, Notice::MasterCallFailed { .. }))
         .unwrap();
     let master = Master::start(TcpListener::bind(address).unwrap(), Notices::ignored()).unwrap();
-    state.subscribers().wait_for(1, PATIENCE).unwrap();
-    states.wait_for_publishers(1, PATIENCE).unwrap();
+    state.subscribers().wait_for(1, TIMEOUT).unwrap();
+    states.wait_for_publishers(1, TIMEOUT).unwrap();
     master.stop();
 }
 
@@ -415,13 +416,13 @@ fn a_master_that_restarts_is_told_again_and_messages_flow_meanwhile() {
     let (controller, controller_notices) = node("/controller", &master);
     let mut state = plant.advertise("/state", MESSAGE_TYPE).unwrap();
     let (states, values) = forward(&controller, "/state");
-    states.wait_for_publishers(1, PATIENCE).unwrap();
-    state.subscribers().wait_for(1, PATIENCE).unwrap();
+    states.wait_for_publishers(1, TIMEOUT).unwrap();
+    state.subscribers().wait_for(1, TIMEOUT).unwrap();
     for life in 0..3 {
         master.stop();
         // Nobody is there for a moment, and nobody minds.
         assert_eq!(publish(&mut state, [f64::from(life), 0.0]), 1);
-        assert_eq!(values.recv_timeout(PATIENCE).unwrap(), [f64::from(life), 0.0]);
+        assert_eq!(values.recv_timeout(TIMEOUT).unwrap(), [f64::from(life), 0.0]);
         let listener = std::iter::repeat_with(|| TcpListener::bind(address)).find_map(Result::ok);
         master = Master::start(listener.unwrap(), Notices::ignored()).unwrap();
         for notices in [&plant_notices, &controller_notices] {
@@ -433,14 +434,14 @@ fn a_master_that_restarts_is_told_again_and_messages_flow_meanwhile() {
         // Who comes now finds the topic.
         let (stranger, _) = node("/stranger", &master);
         let (seen, _) = forward(&stranger, "/state");
-        seen.wait_for_publishers(1, PATIENCE).unwrap();
-        state.subscribers().wait_for(2, PATIENCE).unwrap();
+        seen.wait_for_publishers(1, TIMEOUT).unwrap();
+        state.subscribers().wait_for(2, TIMEOUT).unwrap();
         stranger.shutdown();
         while state.subscribers().count() > 1 {
             std::thread::yield_now();
         }
         publish(&mut state, [-1.0, 0.0]);
-        assert_eq!(values.recv_timeout(PATIENCE).unwrap(), [-1.0, 0.0]);
+        assert_eq!(values.recv_timeout(TIMEOUT).unwrap(), [-1.0, 0.0]);
     }
     let broken = controller_notices
         .try_iter()

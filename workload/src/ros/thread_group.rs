@@ -60,11 +60,11 @@ impl ThreadGroup {
     }
 
     /// Raises the stop and waits until all threads have ended, or the time is over; says whether they have.
-    pub fn dismiss(&self, patience: Duration) -> bool {
+    pub fn dismiss(&self, timeout: Duration) -> bool {
         self.stop.raise();
         let (live, ended) = &*self.live;
         let live = live.lock().unwrap_or_else(PoisonError::into_inner);
-        let waited = ended.wait_timeout_while(live, patience, |live| *live > 0);
+        let waited = ended.wait_timeout_while(live, timeout, |live| *live > 0);
         *waited.unwrap_or_else(PoisonError::into_inner).0 == 0
     }
 

@@ -5,17 +5,18 @@
 use std::path::PathBuf;
 
 use clap::Args;
+use record::exit::matrix::Exit;
 use schemars::JsonSchema;
 use serde::Serialize;
 
-use super::plan::{self, plan, plan_unasked};
+use super::plan;
 use crate::{
     cli::{
         command::options::{OutputArguments, SelectionArguments},
-        exit::Exit,
         terminal::{self, CommandError},
     },
     matrix_file::DiagnosticRecord,
+    preparation,
     provider::Catalogue,
 };
 
@@ -66,14 +67,12 @@ struct InfeasibleRecord<'a> {
 /// # Errors
 /// All that is wrong with the file.
 pub async fn execute(arguments: &CheckArguments, catalogue: Catalogue) -> Result<Exit, CommandError> {
+    let request = arguments.selection.request(&arguments.file);
     let plan = match arguments.hosts {
-        true => {
-            plan(&arguments.file, &arguments.selection, arguments.output, catalogue)
-                .await?
-                .plan
-        }
-        false => plan_unasked(&arguments.file, &arguments.selection, arguments.output, catalogue)?,
+        true => preparation::prepare(&request, catalogue).await?.plan,
+        false => preparation::prepare_offline(&request, catalogue)?,
     };
+    plan::show_warnings(&plan, arguments.output);
     let scenarios = plan.record.scenarios.len();
     let infeasible = || plan.record.scenarios.iter().filter(|scenario| !scenario.feasible);
     if arguments.output.json {

@@ -9,25 +9,21 @@ use std::{collections::BTreeSet, path::Path, sync::Arc};
 
 use clap::Args;
 use record::{
-    axis::NATIVE,
-    causes::with_causes,
-    name::is_name,
-    run_directory::{HostRecord, RunDirectory},
+    axis::NATIVE, causes::with_causes, connection::Connection, exit::matrix::Exit, name::is_name,
+    run_directory::RunDirectory,
 };
 use schemars::JsonSchema;
-use serde::{Deserialize as _, Serialize};
+use serde::Serialize;
 
 use crate::{
     cli::{
         command::options::OutputArguments,
-        exit::Exit,
         terminal::{self, CommandError},
     },
     host::{self, Here, Host},
     lease::{self, Holder},
-    matrix_file::Connection,
     provider::{Catalogue, Leftover, Provider, ProviderError},
-    run::register::{self, Entry},
+    run::run_index::{self, Entry},
     state_directory::StateDirectory,
     workload_binary,
 };
@@ -136,18 +132,18 @@ impl Asked {
 
 /// This machine and those that the runs went to, each once however they call it.
 fn hosts(entries: &[Entry], state: &StateDirectory) -> Vec<Asked> {
-    let mut elsewhere: Vec<(Connection, Asked)> = Vec::new();
+    let mut elsewhere: Vec<(&Connection, Asked)> = Vec::new();
     for entry in entries {
         for host in &entry.hosts {
-            let Ok(connection) = Connection::deserialize(&host.connect) else {
+            let Some(connection) = host.connect.known() else {
                 continue;
             };
             if !elsewhere.iter().any(|(known, _)| *known == connection) {
                 let asked = Asked {
-                    host: host::of(&host.name, &connection, state),
+                    host: host::of(&host.name, connection, state),
                     runs: Some(BTreeSet::new()),
                 };
-                elsewhere.push((connection.clone(), asked));
+                elsewhere.push((connection, asked));
             }
             let known = elsewhere.iter_mut().find(|(known, _)| *known == connection);
             if let Some(runs) = known.and_then(|(_, asked)| asked.runs.as_mut()) {
@@ -172,7 +168,7 @@ pub async fn execute(arguments: &CleanArguments, catalogue: Catalogue) -> Result
     let mut found = Vec::new();
     let mut silent = Vec::new();
     let state = StateDirectory::of_this_user();
-    let entries = register::entries(&state);
+    let entries = run_index::entries(&state);
     for asked in hosts(&entries, &state) {
         for provider in catalogue.all(&asked.host) {
             let mut leftovers = match provider.leftovers().await {
@@ -207,11 +203,11 @@ pub async fn execute(arguments: &CleanArguments, catalogue: Catalogue) -> Result
         terminal::json(&document(&found, &silent));
     } else if !arguments.output.quiet {
         for Silent { place, error, .. } in &silent {
-            terminal::remark(&format!("{place} could not be asked: {error}"));
+            terminal::print_note(&format!("{place} could not be asked: {error}"));
         }
         match (found.is_empty(), silent.is_empty()) {
-            (true, true) => terminal::remark("nothing of ours is left"),
-            (true, false) => terminal::remark("nothing of ours is left where it could be asked"),
+            (true, true) => terminal::print_note("nothing of ours is left"),
+            (true, false) => terminal::print_note("nothing of ours is left where it could be asked"),
             (false, _) => {}
         }
     }
@@ -284,11 +280,10 @@ fn forget(entries: &[Entry], state: &StateDirectory, found: &[Found], silent: &[
             silent.runs.contains(&entry.run)
                 && (silent.provider == NATIVE || entry.providers.contains(silent.provider))
         };
-        let is_unreadable = |host: &HostRecord| Connection::deserialize(&host.connect).is_err();
-        let goes_on = register::is_taken(state, &entry.run)
+        let goes_on = run_index::is_taken(state, &entry.run)
             || lease::is_held(&RunDirectory::new(&entry.run_directory).lock());
         if !goes_on
-            && !entry.hosts.iter().any(is_unreadable)
+            && entry.hosts.iter().all(|host| host.connect.known().is_some())
             && !found.iter().any(is_left)
             && !silent.iter().any(is_silent)
         {
@@ -313,7 +308,7 @@ async fn fate(
     }
     // Nobody is to go on with it while it is removed.
     let here = Holder::this_process(state.path());
-    let _taken = match named(leftover).map(|run| register::take(state, &here, run)) {
+    let _taken = match named(leftover).map(|run| run_index::take(state, &here, run)) {
         Some(Ok(Err(_))) => return Fate::InUse,
         Some(Ok(Ok(taken))) => Some(taken),
         // Without a state folder nobody else takes it, either.
@@ -332,7 +327,7 @@ fn named(leftover: &Leftover) -> Option<&str> {
 
 async fn is_in_use(asked: &Asked, state: &StateDirectory, leftover: &Leftover) -> bool {
     // Its directory may have been moved since.
-    if named(leftover).is_some_and(|run| register::is_taken(state, run)) {
+    if named(leftover).is_some_and(|run| run_index::is_taken(state, run)) {
         return true;
     }
     match leftover.run_directory.as_deref().map(RunDirectory::new) {

@@ -4,8 +4,9 @@ use std::{env, path::PathBuf};
 
 use clap::Args;
 use clap_complete::env::Shells;
+use record::exit::matrix::Exit;
 
-use crate::cli::{completion, exit::Exit, terminal};
+use crate::cli::{completion, terminal};
 
 /// What it takes.
 #[derive(Debug, Args)]

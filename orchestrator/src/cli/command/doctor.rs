@@ -1,34 +1,21 @@
 //! `matrix doctor [FILE]`: what this machine, or each host of a matrix file, can do, what is missing and how to get it.
 
-use std::{fmt::Write, path::PathBuf, sync::Arc};
+use std::{fmt::Write, path::PathBuf};
 
 use clap::Args;
-use record::{
-    axis::NATIVE,
-    causes::with_causes,
-    check::Check,
-    run_directory::PlannedScenario,
-    settings::{Need, Settings},
-};
+use record::{axis::NATIVE, causes::with_causes, check::Check, exit::matrix::Exit};
 use schemars::JsonSchema;
 use serde::Serialize;
 
 use crate::{
     cli::{
         command::options::OutputArguments,
-        exit::Exit,
         terminal::{self, CommandError},
     },
     disk_space,
-    host::{Here, Host},
-    matrix_file::{MatrixFile, THIS_MACHINE},
-    plan::{self, HostFacts, Obstacle, Selection, order::Order},
-    provider::{
-        Availability, Catalogue, ProviderError, ProviderSettings, Roster,
-        detached::{AgentClient, ClockReading},
-    },
-    state_directory::StateDirectory,
-    survey,
+    examination::{self, Examination, Standing},
+    plan::Obstacle,
+    provider::{Availability, Catalogue},
 };
 
 /// What it takes.
@@ -104,52 +91,6 @@ struct AvailabilityRecord<'a> {
     settings: Option<Vec<AvailabilityRecord<'a>>>,
 }
 
-/// What a host says.
-struct Answer {
-    name: String,
-    facts: HostFacts,
-    /// What the experiment needs; none where it could not be asked.
-    checks: Result<Vec<Check>, ProviderError>,
-    /// None where it could not be asked.
-    standing: Option<Standing>,
-    /// What the windows that the matrix file has for it take on its disk; none without a file.
-    to_come_bytes: Option<u64>,
-}
-
-/// What a host is like at the moment.
-struct Standing {
-    uid: u32,
-    /// Of the disk with its state folder.
-    free_bytes: u64,
-    clock: ClockReading,
-}
-
-impl Standing {
-    async fn of(host: &Arc<dyn Host>) -> Option<Self> {
-        let (clock, said) = ClockReading::of(&AgentClient::new(Arc::clone(host))).await.ok()?;
-        Some(Self {
-            uid: said.uid,
-            free_bytes: said.free_bytes,
-            clock,
-        })
-    }
-
-    fn rights(&self) -> String {
-        match self.uid {
-            0 => "root".to_owned(),
-            uid => format!("user {uid}"),
-        }
-    }
-
-    fn clock(&self) -> String {
-        format!(
-            "{:+.0} ± {:.0} ms",
-            self.clock.ahead_ms,
-            self.clock.within_ms.ceil()
-        )
-    }
-}
-
 /// Asks every provider, and the workload itself, and prints what they say.
 ///
 /// # Errors
@@ -158,13 +99,7 @@ pub async fn execute(arguments: &DoctorArguments, catalogue: Catalogue) -> Resul
     let Some(path) = &arguments.file else {
         return of_this_machine(arguments.output.json, catalogue).await;
     };
-    let file = MatrixFile::read(path, None, catalogue).map_err(CommandError::of_mistakes)?;
-    let roster = survey::roster(&file);
-    let mut answers = Vec::new();
-    for host in roster.hosts() {
-        answers.push(ask(host, &roster).await);
-    }
-    foresee(&file, &mut answers);
+    let answers = examination::of_hosts(path, catalogue).await?;
     if arguments.output.json {
         terminal::json(&DoctorDocument::Hosts {
             hosts: answers.iter().map(record).collect(),
@@ -179,26 +114,8 @@ pub async fn execute(arguments: &DoctorArguments, catalogue: Catalogue) -> Resul
     Ok(Exit::Done)
 }
 
-/// What is to come on each host, if all that can run there does.
-fn foresee(file: &MatrixFile, answers: &mut [Answer]) {
-    let facts = answers
-        .iter()
-        .map(|answer| (answer.name.clone(), answer.facts.clone()))
-        .collect();
-    // What is wrong with the file is for `check` and `plan` to say.
-    let Ok(plan) = plan::plan(file, &facts, &Selection::default(), Order::default(), 0) else {
-        return;
-    };
-    for answer in answers {
-        let runs_there = |it: &&PlannedScenario| it.runs() && it.host.as_ref() == Some(&answer.name);
-        let scenarios = plan.record.scenarios.iter().filter(runs_there);
-        let bytes = scenarios.map(|it| disk_space::windows_take(&it.settings, it.settings.windows as usize));
-        answer.to_come_bytes = Some(bytes.sum());
-    }
-}
-
 /// All hosts at a glance.
-fn table(answers: &[Answer], catalogue: Catalogue) -> String {
+fn table(answers: &[Examination], catalogue: Catalogue) -> String {
     let head: Vec<_> = ["host", "machine"]
         .into_iter()
         .chain(columns(catalogue))
@@ -228,7 +145,7 @@ fn columns(catalogue: Catalogue) -> impl Iterator<Item = &'static str> {
     catalogue.kinds().filter(|kind| kind.column).map(|kind| kind.name)
 }
 
-fn row(answer: &Answer, catalogue: Catalogue) -> Vec<String> {
+fn row(answer: &Examination, catalogue: Catalogue) -> Vec<String> {
     let facts = &answer.facts;
     if facts.obstacle.is_some() {
         return vec![answer.name.clone(), "not reached, see below".to_owned()];
@@ -263,18 +180,31 @@ fn row(answer: &Answer, catalogue: Catalogue) -> Vec<String> {
         },
         yes_or_no(has_namespaces),
         yes_or_no(has_netem),
-        said(standing.map(Standing::rights)),
+        said(standing.map(rights)),
         said(standing.map(|it| disk_space::in_words(it.free_bytes))),
         said(answer.to_come_bytes.map(disk_space::in_words)),
-        said(standing.map(Standing::clock)),
+        said(standing.map(clock)),
     ]);
     row
 }
 
+fn rights(standing: &Standing) -> String {
+    match standing.uid {
+        0 => "root".to_owned(),
+        uid => format!("user {uid}"),
+    }
+}
+
+fn clock(standing: &Standing) -> String {
+    format!(
+        "{:+.0} ± {:.0} ms",
+        standing.clock.ahead_ms,
+        standing.clock.within_ms.ceil()
+    )
+}
+
 async fn of_this_machine(json: bool, catalogue: Catalogue) -> Result<Exit, CommandError> {
-    let here: Arc<dyn Host> = Arc::new(Here::new(THIS_MACHINE, StateDirectory::of_this_user()));
-    let roster = Roster::new(catalogue, ProviderSettings::default(), [Arc::clone(&here)]);
-    let answer = ask(&here, &roster).await;
+    let answer = examination::of_this_machine(catalogue).await;
     match answer.checks {
         Err(error) => Err(CommandError::new(Exit::Infrastructure, &error, error.hint())),
         Ok(_) if json => {
@@ -288,29 +218,7 @@ async fn of_this_machine(json: bool, catalogue: Catalogue) -> Result<Exit, Comma
     }
 }
 
-async fn ask(host: &Arc<dyn Host>, roster: &Roster) -> Answer {
-    let name = host.name().to_owned();
-    let mut facts = survey::identity(Arc::clone(host)).await;
-    let defaults = Need::of(&Settings::default());
-    let checks = AgentClient::new(Arc::clone(host)).check(&defaults).await;
-    if facts.obstacle.is_none() {
-        let everything = roster
-            .catalogue()
-            .names()
-            .map(|name| (name.to_owned(), Need::each().into_iter().collect()))
-            .collect();
-        facts.providers = survey::ask(&name, everything, roster).await;
-    }
-    Answer {
-        name,
-        facts,
-        checks: checks.map(|record| record.checks),
-        standing: Standing::of(host).await,
-        to_come_bytes: None,
-    }
-}
-
-fn record(answer: &Answer) -> HostRecord<'_> {
+fn record(answer: &Examination) -> HostRecord<'_> {
     let facts = &answer.facts;
     let standing = answer.standing.as_ref();
     let providers = facts.providers.iter().map(|(name, provider)| {
@@ -353,7 +261,7 @@ fn availability_record(name: String, availability: &Availability) -> Availabilit
     }
 }
 
-fn as_text(title: &str, answer: &Answer) -> String {
+fn as_text(title: &str, answer: &Examination) -> String {
     let facts = &answer.facts;
     if let Some(Obstacle { reason, fix }) = &facts.obstacle {
         let fix = fix.as_ref().map(|fix| format!("\n  fix: {fix}"));

@@ -8,14 +8,13 @@ use std::{
 };
 
 use clap::Args;
-use record::{causes::with_causes, quantity::Length};
-use reports::drift::{self, Acknowledgements, Drift, Night, Settings, Verdict};
+use record::{causes::with_causes, exit::matrix::Exit, quantity::Length};
+use reports::drift::{self, Acknowledgements, Drift, Night, Settings, Verdict, contrasts::NightContrasts};
 
 use crate::{
     cli::{
         command::{options::OutputArguments, report::unreadable},
         completion,
-        exit::Exit,
         terminal::{self, CommandError},
     },
     matrix_file,
@@ -36,15 +35,18 @@ pub struct DriftArguments {
     /// The probability, each night, of a false finding among all scenarios and metrics.
     #[arg(long, value_name = "P", default_value_t = 0.01, value_parser = probability)]
     alpha: f64,
-    /// A change of the tracking error that is smaller does not matter; else what the newest run's `report.matters` says.
-    #[arg(long, value_name = "LENGTH")]
-    matters: Option<Length>,
+    /// A change of the tracking error that is smaller does not matter; else `report.equivalence_margin` of the newest run.
+    #[arg(long, value_name = "LENGTH", alias = "matters")]
+    equivalence_margin: Option<Length>,
     /// A YAML file of changes that are known; else `drift.yaml` in the folder of run directories, if there is one.
     #[arg(long, value_name = "FILE")]
     acknowledged: Option<PathBuf>,
     /// The newest run must be no older than that, such as `12h`: else nothing is known of tonight, which is too little data.
-    #[arg(long, value_name = "TIME", value_parser = humantime::parse_duration)]
-    within: Option<Duration>,
+    #[arg(long, value_name = "TIME", alias = "within", value_parser = humantime::parse_duration)]
+    max_age: Option<Duration>,
+    /// Compare every two scenarios of the same experiment, too, with the night as a block.
+    #[arg(long, requires = "history")]
+    between_scenarios: bool,
     /// Write JUnit's XML there.
     #[arg(long, value_name = "FILE")]
     junit: Option<PathBuf>,
@@ -84,13 +86,13 @@ pub fn execute(arguments: &DriftArguments) -> Result<Exit, CommandError> {
         Some(history) => Chosen::of_history(history)?,
         None => Chosen::to_compare(&arguments.baseline, arguments.candidate.as_ref())?,
     };
-    see_that_each_is_once(&nights)?;
+    ensure_each_is_given_once(&nights)?;
     let newest = nights.last();
     let settings = Settings {
         alpha: arguments.alpha,
-        matters_m: match arguments.matters {
-            Some(matters) => Some(matters.metres()),
-            None => newest.and_then(|night| night.matters_m),
+        equivalence_margin_m: match arguments.equivalence_margin {
+            Some(margin) => Some(margin.metres()),
+            None => newest.and_then(|night| night.equivalence_margin_m),
         },
         acknowledgements: known(arguments.acknowledged.as_ref().or(beside.as_ref()))?,
         ..Settings::default()
@@ -101,15 +103,18 @@ pub fn execute(arguments: &DriftArguments) -> Result<Exit, CommandError> {
         found = found.without_the_night(&reason);
     }
     let newest = newest.map(|night| night.created.as_str());
-    let found = match arguments.within {
-        Some(within) if is_older(newest, begun, within) => found.without_the_night(&format!(
+    let found = match arguments.max_age {
+        Some(max_age) if is_older(newest, begun, max_age) => found.without_the_night(&format!(
             "the newest run is of {}, more than {} ago",
             newest.unwrap_or_default(),
-            humantime::format_duration(within)
+            humantime::format_duration(max_age)
         )),
         _ => found,
     };
-    tell(arguments, &found)?;
+    let contrasts = arguments
+        .between_scenarios
+        .then(|| NightContrasts::of(&nights, settings.alpha, settings.seed));
+    tell(arguments, &found, contrasts.as_ref())?;
     Ok(match found.verdict() {
         Verdict::NoDrift { .. } => Exit::Done,
         Verdict::Drift => Exit::Drift,
@@ -176,7 +181,7 @@ impl Chosen {
 }
 
 /// A run that is there twice would say that nights differ less than they do, and of itself that nothing changed.
-fn see_that_each_is_once(nights: &[Night]) -> Result<(), CommandError> {
+fn ensure_each_is_given_once(nights: &[Night]) -> Result<(), CommandError> {
     let mut seen = BTreeSet::new();
     match nights.iter().find(|night| !seen.insert(&night.run)) {
         None => Ok(()),
@@ -270,7 +275,11 @@ fn wrong(path: &Path, error: &dyn std::error::Error, hint: &str) -> CommandError
     }
 }
 
-fn tell(arguments: &DriftArguments, found: &Drift) -> Result<(), CommandError> {
+fn tell(
+    arguments: &DriftArguments,
+    found: &Drift,
+    contrasts: Option<&NightContrasts>,
+) -> Result<(), CommandError> {
     let write = |path: &Option<PathBuf>, text: String| match path {
         Some(path) => fs::write(path, text).map_err(|error| unwritable(path, &error)),
         None => Ok(()),
@@ -283,9 +292,12 @@ fn tell(arguments: &DriftArguments, found: &Drift) -> Result<(), CommandError> {
             append(&path, &found.github_summary()).map_err(|error| unwritable(&path, &error))?;
         }
     } else if arguments.output.json {
-        terminal::json(&found.json());
+        let mut document = found.json();
+        document.between_scenarios = contrasts.map(NightContrasts::json);
+        terminal::json(&document);
     } else {
-        terminal::result(&found.text());
+        let contrasts = contrasts.map(NightContrasts::text).unwrap_or_default();
+        terminal::result(&format!("{}{contrasts}", found.text()));
     }
     Ok(())
 }

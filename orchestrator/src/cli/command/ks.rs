@@ -6,14 +6,13 @@ use clap::{
     Args,
     builder::{PossibleValuesParser, TypedValueParser as _},
 };
-use record::report_settings::Method;
-use reports::statistics::ks::{self, Alternative, KsTest, Procedure};
+use record::{exit::matrix::Exit, report_settings::Method};
 use schemars::JsonSchema;
 use serde::Serialize;
+use statistics::ks::{self, Alternative, KsTest, Procedure};
 
 use crate::cli::{
     command::options::OutputArguments,
-    exit::Exit,
     terminal::{self, CommandError},
 };
 

@@ -4,10 +4,10 @@ use std::path::PathBuf;
 
 use clap::{Args, CommandFactory as _};
 use clap_mangen::Man;
+use record::exit::matrix::Exit;
 
 use crate::cli::{
     arguments::Arguments,
-    exit::Exit,
     terminal::{self, CommandError},
 };
 

@@ -3,13 +3,12 @@
 use std::path::PathBuf;
 
 use clap::Args;
-use record::run_directory::RunDirectory;
+use record::{exit::matrix::Exit, run_directory::RunDirectory};
 use reports::messages::{self, MessagesError, ScenarioMessages, TopicMessages};
 
 use crate::cli::{
     command::options::OutputArguments,
     completion,
-    exit::Exit,
     terminal::{self, CommandError},
 };
 
@@ -96,7 +95,7 @@ fn line(topic: &TopicMessages) -> String {
         ),
     };
     format!(
-        "{:<8} {} of {} in the log found, {} sent, {} arrived{delay}; sent again {}, arrived again {}, overtaken {}{missing}",
+        "{:<8} {} of {} in the log found, {} sent, {} arrived{delay}; retransmitted {}, duplicated {}, reordered {}{missing}",
         topic.topic,
         topic.found,
         topic.logged,

@@ -1,8 +1,14 @@
 //! What several commands take.
 
+use std::path::Path;
+
 use clap::Args;
 
-use crate::{cli::completion, plan::order::Order};
+use crate::{
+    cli::completion,
+    plan::{Selection, order::Order},
+    preparation::PlanRequest,
+};
 
 /// Which scenarios, and in which order.
 #[derive(Debug, Clone, Default, Args)]
@@ -22,6 +28,23 @@ pub struct SelectionArguments {
     /// Seed of the order in which scenarios run.
     #[arg(long, value_name = "N", default_value_t = 0)]
     pub seed: u64,
+}
+
+impl SelectionArguments {
+    /// The plan of these scenarios of a matrix file.
+    #[must_use]
+    pub fn request<'a>(&'a self, file: &'a Path) -> PlanRequest<'a> {
+        PlanRequest {
+            file,
+            profile: self.profile.as_deref(),
+            selection: Selection {
+                only: self.only.clone(),
+                skip: self.skip.clone(),
+            },
+            order: self.order,
+            seed: self.seed,
+        }
+    }
 }
 
 /// How to say it.

@@ -2,16 +2,11 @@
 
 mod sensitivity;
 
-use std::{
-    collections::BTreeMap,
-    fmt::Write,
-    path::{Path, PathBuf},
-    time::Duration,
-};
+use std::{collections::BTreeMap, fmt::Write, path::PathBuf, time::Duration};
 
 use clap::Args;
-use record::{quantity::Length, run_directory::PlannedScenario, settings::Settings};
-use reports::analysis::{power, sample};
+use record::{exit::matrix::Exit, quantity::Length, run_directory::PlannedScenario, settings::Settings};
+use reports::analysis::sample;
 use schemars::JsonSchema;
 use serde::Serialize;
 use serde_json::{Map, Value};
@@ -24,14 +19,13 @@ use crate::{
             report::unreadable,
         },
         completion,
-        exit::Exit,
         terminal::{self, CommandError},
     },
     disk_space,
-    matrix_file::{DiagnosticRecord, Diagnostics, MatrixFile},
-    plan::{self, Attainable, HostFacts, Plan, Selection, WindowDesign},
-    provider::{AskedRight, Catalogue, Roster},
-    survey,
+    matrix_file::{DiagnosticRecord, Diagnostics},
+    plan::{Attainable, EnvironmentDesign, LevelSpread, Plan, PowerPoint, WindowDesign, WindowPower},
+    preparation,
+    provider::{AskedRight, Catalogue},
 };
 
 /// What it takes.
@@ -42,11 +36,11 @@ pub struct PlanArguments {
     #[command(flatten)]
     selection: SelectionArguments,
     /// A run to learn from how much the levels of windows spread; the plan then says what it would find.
-    #[arg(long, value_name = "RUN", conflicts_with = "spread", add = completion::runs())]
+    #[arg(long, value_name = "RUN", conflicts_with = "window_sd", add = completion::runs())]
     pilot: Option<PathBuf>,
-    /// How much window levels are assumed to spread (standard deviation), such as 1mm.
-    #[arg(long, value_name = "LENGTH")]
-    spread: Option<Length>,
+    /// The standard deviation that window levels are assumed to have, such as 1mm.
+    #[arg(long, value_name = "LENGTH", alias = "spread")]
+    window_sd: Option<Length>,
     /// Simulate what a pair of windows would detect: more delay, more loss, late ticks. Takes a minute or more for each
     /// distinct experiment.
     #[arg(long)]
@@ -55,34 +49,39 @@ pub struct PlanArguments {
     pub(crate) output: OutputArguments,
 }
 
-/// A matrix file and its plan for the hosts as they are now.
-pub struct Planned {
-    /// The file.
-    pub file: MatrixFile,
-    /// The plan.
-    pub plan: Plan,
-    /// The hosts and providers that were asked.
-    pub roster: Roster,
-    /// What they said, by the hosts' names.
-    pub facts: BTreeMap<String, HostFacts>,
-}
-
 /// Plans and shows it.
 ///
 /// # Errors
 /// All that is wrong with the file.
 pub async fn execute(arguments: &PlanArguments, catalogue: Catalogue) -> Result<Exit, CommandError> {
-    let mut planned = plan(&arguments.file, &arguments.selection, arguments.output, catalogue).await?;
-    let design = planned.plan.windows.as_ref();
-    if let Some(warning) = design.and_then(|design| design.warning(&planned.file)) {
+    let request = arguments.selection.request(&arguments.file);
+    let mut planned = preparation::prepare(&request, catalogue).await?;
+    show_warnings(&planned.plan, arguments.output);
+    let Plan {
+        windows,
+        environments,
+        ..
+    } = &planned.plan;
+    // Where scenarios have several environments, what windows could reach decides nothing.
+    let warning = match (environments, windows) {
+        (Some(design), _) => design.warning(&planned.file),
+        (None, Some(design)) => design.warning(&planned.file),
+        (None, None) => None,
+    };
+    if let Some(warning) = warning {
         let mut found = Diagnostics::default();
         found.push(warning.clone());
         if !arguments.output.quiet {
-            terminal::mistakes(&found);
+            terminal::print_diagnostics(&found);
         }
         planned.plan.warnings.push(warning);
     }
-    let spread_m = spread_of_levels(arguments)?;
+    let spread = spread_of_levels(arguments)?;
+    let power = planned
+        .plan
+        .windows
+        .as_ref()
+        .map(|design| (design, design.power(spread)));
     let scenarios = planned.plan.record.scenarios.iter();
     let sensitivity = arguments
         .sensitivity
@@ -90,15 +89,19 @@ pub async fn execute(arguments: &PlanArguments, catalogue: Catalogue) -> Result<
     if arguments.output.json {
         let mut document = document(&planned.plan);
         document.sensitivity = sensitivity.as_deref().map(sensitivity::records);
-        if let (Some(spread_m), Some(design)) = (spread_m, &planned.plan.windows) {
-            document.detectable_shift_m = Some(design.detectable_shift_m(spread_m));
-            document.spread_m = Some(spread_m);
+        if let Some((design, power)) = &power {
+            document.detectable_shift_m = power.spread_m.map(|_| {
+                let planned = power.at(design.windows);
+                planned.and_then(|point| point.shift_m)
+            });
+            document.spread_m = power.spread_m;
         }
+        document.power = power.map(|(_, power)| power);
         terminal::json(&document);
     } else {
         let mut text = as_text(&planned.plan);
-        if let (Some(spread_m), Some(design)) = (spread_m, &planned.plan.windows) {
-            text.push_str(&what_would_be_found(design, spread_m));
+        if let Some((design, power)) = &power {
+            text.push_str(&what_would_be_found(design, power));
         }
         if let Some(found) = &sensitivity {
             text.push_str(&sensitivity::as_text(found));
@@ -108,66 +111,11 @@ pub async fn execute(arguments: &PlanArguments, catalogue: Catalogue) -> Result<
     Ok(Exit::Done)
 }
 
-/// Reads a matrix file, asks the hosts, plans, and shows the warnings.
-///
-/// # Errors
-/// All that is wrong with the file.
-pub async fn plan(
-    path: &Path,
-    selection: &SelectionArguments,
-    output: OutputArguments,
-    catalogue: Catalogue,
-) -> Result<Planned, CommandError> {
-    let file = read(path, selection, catalogue)?;
-    let roster = survey::roster(&file);
-    let facts = survey::survey(&file, &roster).await;
-    let plan = plan_on(&facts, &file, selection, output)?;
-    Ok(Planned {
-        file,
-        plan,
-        roster,
-        facts,
-    })
-}
-
-/// Reads a matrix file, asks nobody, plans, and shows the warnings.
-///
-/// # Errors
-/// All that is wrong with the file.
-pub fn plan_unasked(
-    path: &Path,
-    selection: &SelectionArguments,
-    output: OutputArguments,
-    catalogue: Catalogue,
-) -> Result<Plan, CommandError> {
-    let file = read(path, selection, catalogue)?;
-    plan_on(&survey::unasked(&file), &file, selection, output)
-}
-
-fn read(
-    path: &Path,
-    selection: &SelectionArguments,
-    catalogue: Catalogue,
-) -> Result<MatrixFile, CommandError> {
-    MatrixFile::read(path, selection.profile.as_deref(), catalogue).map_err(CommandError::of_mistakes)
-}
-
-fn plan_on(
-    facts: &BTreeMap<String, HostFacts>,
-    file: &MatrixFile,
-    selection: &SelectionArguments,
-    output: OutputArguments,
-) -> Result<Plan, CommandError> {
-    let selected = Selection {
-        only: selection.only.clone(),
-        skip: selection.skip.clone(),
-    };
-    let plan = plan::plan(file, facts, &selected, selection.order, selection.seed)
-        .map_err(CommandError::of_mistakes)?;
+/// Shows what is odd in the file and no error.
+pub fn show_warnings(plan: &Plan, output: OutputArguments) {
     if !plan.warnings.is_empty() && !output.quiet {
-        terminal::mistakes(&plan.warnings);
+        terminal::print_diagnostics(&plan.warnings);
     }
-    Ok(plan)
 }
 
 /// Every scenario of a matrix file, whether it can run here, the order and the duration.
@@ -176,14 +124,18 @@ fn plan_on(
 pub struct PlanDocument<'a> {
     /// Every scenario, in letter order.
     scenarios: Vec<ScenarioRecord<'a>>,
-    /// Letters of the scenarios that run, in the order in which they run.
+    /// Letters of the scenarios that run, in the order in which they run: in the first round, if there are several.
     order: &'a [String],
+    /// The order of each further round, in which every scenario of it has a new environment.
+    later_rounds: &'a [Vec<String>],
     /// Time that measuring takes, in seconds: windows only, on the host that has most of them.
     measuring_s: f64,
     /// The smallest p that the comparisons can reach; null if there is nothing to compare.
     smallest_attainable_p: Option<Attainable>,
     /// What the plan can show with the window as the unit; null without a pair.
     windows_as_units: Option<WindowDesign>,
+    /// What the plan can show with the environment as the unit; null without a pair, or if each scenario has one environment.
+    environments_as_units: Option<EnvironmentDesign>,
     /// About how many bytes the windows leave in the run directory, before compression.
     data_bytes: u64,
     /// What containers may do beyond what every container of `matrix` may.
@@ -193,10 +145,13 @@ pub struct PlanDocument<'a> {
     /// What a pair of windows would detect; only with `--sensitivity`.
     #[serde(skip_serializing_if = "Option::is_none")]
     sensitivity: Option<Vec<SensitivityRecord<'a>>>,
-    /// The shift that would be found, in metres, null if none would; only with `--pilot` or `--spread`.
+    /// The shift of window levels that would be found, by the number of windows; only of `matrix plan`, and with a pair.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    power: Option<WindowPower>,
+    /// The shift that would be found with 80 % power, in metres, null if none would; only with `--pilot` or `--window-sd`.
     #[serde(skip_serializing_if = "Option::is_none")]
     detectable_shift_m: Option<Option<f64>>,
-    /// The standard deviation of window levels for it, in metres; only with `--pilot` or `--spread`.
+    /// The standard deviation of window levels for it, in metres; only with `--pilot` or `--window-sd`.
     #[serde(skip_serializing_if = "Option::is_none")]
     spread_m: Option<f64>,
 }
@@ -242,13 +197,16 @@ pub fn document(plan: &Plan) -> PlanDocument<'_> {
     PlanDocument {
         scenarios: scenarios.collect(),
         order: &record.order,
+        later_rounds: &record.later_rounds,
         measuring_s: record.measuring_s,
         smallest_attainable_p: plan.attainable,
         windows_as_units: plan.windows,
+        environments_as_units: plan.environments,
         data_bytes: data_bytes(plan),
         rights: &plan.rights,
         warnings: plan.warnings.to_json(),
         sensitivity: None,
+        power: None,
         detectable_shift_m: None,
         spread_m: None,
     }
@@ -267,12 +225,21 @@ pub fn as_text(plan: &Plan) -> String {
         let _ = writeln!(text, "{}: {}: {}", right.setting, right.asked, right.means);
     }
     let measuring = humantime::format_duration(Duration::from_secs_f64(record.measuring_s));
+    let orders: Vec<String> = record.rounds().map(|(_, order)| order.join(", ")).collect();
     let _ = writeln!(
         text,
         "order: {}; {measuring} of measuring, about {} of data",
-        record.order.join(", "),
+        orders.join(" | "),
         disk_space::in_words(data_bytes(plan))
     );
+    if orders.len() > 1 {
+        let environments: usize = record.rounds().map(|(_, order)| order.len()).sum();
+        let _ = writeln!(
+            text,
+            "{environments} environments, made anew in each of {} rounds",
+            orders.len()
+        );
+    }
     if let Some(attainable) = &plan.attainable {
         let worst = &attainable.worst;
         let can = if worst.p < attainable.alpha {
@@ -285,6 +252,9 @@ pub fn as_text(plan: &Plan) -> String {
             "smallest attainable p: {:.2e} at n = {}, m = {}, {can} alpha = {}",
             worst.p, worst.n, worst.m, attainable.alpha
         );
+    }
+    if let Some(design) = &plan.environments {
+        text.push_str(&design.as_text());
     }
     if let Some(design) = &plan.windows {
         let can = if design.can_reject() { "below" } else { "NOT below" };
@@ -299,7 +269,7 @@ pub fn as_text(plan: &Plan) -> String {
         );
         match design.windows_needed {
             Some(windows) if !design.can_reject() => {
-                let _ = writeln!(text, "; {windows} windows would do");
+                let _ = writeln!(text, "; {windows} windows can reach it");
             }
             _ => text.push('\n'),
         }
@@ -307,39 +277,77 @@ pub fn as_text(plan: &Plan) -> String {
     text
 }
 
-/// The standard deviation of window levels, in metres: assumed, or as the pilot run has it.
-fn spread_of_levels(arguments: &PlanArguments) -> Result<Option<f64>, CommandError> {
+/// The spread of window levels: assumed, or as the pilot run has it.
+fn spread_of_levels(arguments: &PlanArguments) -> Result<Option<LevelSpread>, CommandError> {
     let Some(pilot) = &arguments.pilot else {
-        return Ok(arguments.spread.map(Length::metres));
+        return Ok(arguments.window_sd.map(|assumed| LevelSpread {
+            deviation_m: assumed.metres(),
+            freedom: None,
+        }));
     };
     let run = reports::load(pilot).map_err(|error| unreadable(&error))?;
     let samples = sample::samples(&run, &run.manifest.report);
-    power::spread_of_levels(&samples)
-        .map(Some)
-        .ok_or_else(|| CommandError {
-            what: format!("no scenario of {} has two windows that count", pilot.display()).into(),
-            hint: Some("give a run with two windows or more a scenario, or `--spread 1mm`".to_owned()),
-            exit: Exit::Wrong,
-        })
+    let found = sample::spread_of_levels(&samples).ok_or_else(|| CommandError {
+        what: format!("no scenario of {} has two windows that count", pilot.display()).into(),
+        hint: Some("give a run with two windows or more a scenario, or `--window-sd 1mm`".to_owned()),
+        exit: Exit::Wrong,
+    })?;
+    Ok(Some(LevelSpread {
+        deviation_m: found.deviation,
+        freedom: Some(found.freedom),
+    }))
 }
 
-fn what_would_be_found(design: &WindowDesign, spread_m: f64) -> String {
-    let spread = format!("window levels that spread by {:.3} mm", spread_m * 1e3);
-    match design.detectable_shift_m(spread_m) {
-        Some(shift_m) => format!(
-            "with {spread}: a shift of {:.3} mm is found with {:.0} % power (Student's t, Holm's first step)\n",
-            shift_m * 1e3,
-            power::POWER * 100.0
+/// Two lines: what the plan finds, and what more windows would.
+fn what_would_be_found(design: &WindowDesign, power: &WindowPower) -> String {
+    let shift = |point: &PowerPoint| match point.shift_m {
+        Some(shift_m) => format!("{:.3} mm", shift_m * 1e3),
+        None => format!("{:.2} sd", point.shift_sd),
+    };
+    let mut text = format!("found with {:.0} % power: ", power.power * 100.0);
+    let planned = power.at(design.windows);
+    let _ = match planned {
+        Some(point) => write!(
+            text,
+            "a shift of {} at {w} : {w} ({:.0} % with heavy tails)",
+            shift(point),
+            point.power_heavy_tails * 100.0,
+            w = point.windows
         ),
-        None => format!("with {spread}: no shift is found by windows, however large it is\n"),
+        None => write!(text, "no shift at {w} : {w}, however large", w = design.windows),
+    };
+    let more = power
+        .curve
+        .iter()
+        .filter(|point| point.windows > design.windows as usize);
+    let more: Vec<String> = more
+        .map(|point| format!("{} at {}", shift(point), point.windows))
+        .collect();
+    if !more.is_empty() {
+        let _ = write!(text, "; {}", more.join(", "));
     }
+    let _ = match (power.spread_m, power.spread_freedom) {
+        (Some(spread_m), Some(freedom)) => writeln!(
+            text,
+            "\n  if window levels spread by {:.3} mm, as the pilot estimates with {freedom} degrees of freedom",
+            spread_m * 1e3
+        ),
+        (Some(spread_m), None) => writeln!(text, "\n  if window levels spread by {:.3} mm", spread_m * 1e3),
+        (None, _) => writeln!(
+            text,
+            "\n  in standard deviations of window levels; `--pilot RUN` gives millimetres"
+        ),
+    };
+    text
 }
 
 /// About how many bytes the windows of all scenarios that run leave in the run directory, before compression.
 fn data_bytes(plan: &Plan) -> u64 {
     let running = plan.record.scenarios.iter().filter(|scenario| scenario.runs());
     running
-        .map(|scenario| disk_space::windows_take(&scenario.settings, scenario.settings.windows as usize))
+        .map(|scenario| {
+            disk_space::windows_take(&scenario.settings, scenario.settings.all_windows() as usize)
+        })
         .sum()
 }
 

@@ -6,7 +6,10 @@ use std::{
 };
 
 use clap::Args;
-use record::run_directory::{ReadError, RunDirectory, RunRecords};
+use record::{
+    exit::matrix::Exit,
+    run_directory::{ReadError, RunDirectory, RunRecords},
+};
 use reports::redaction::{self, CopyError, Redaction};
 use schemars::JsonSchema;
 use serde::Serialize;
@@ -15,7 +18,6 @@ use super::report::{redaction, unreadable, word_of_the_format};
 use crate::cli::{
     command::options::OutputArguments,
     completion,
-    exit::Exit,
     terminal::{self, CommandError},
 };
 

@@ -8,6 +8,7 @@ use std::{
 
 use clap::Args;
 use record::{
+    exit::matrix::Exit,
     report_settings::ReportSettings,
     run_directory::{Place, PlannedScenario, ReadError, RunDirectory},
 };
@@ -20,9 +21,7 @@ use reports::{
 use crate::{
     cli::{
         command::options::OutputArguments,
-        completion,
-        exit::Exit,
-        session,
+        completion, session,
         terminal::{self, CommandError},
     },
     matrix_file::{Diagnostics, ReportOption},
@@ -65,10 +64,11 @@ pub struct ReportArguments {
     /// What to do about windows that warm up for longer: flag, cut.
     #[arg(long, value_name = "WHAT")]
     warm_up: Option<String>,
-    /// Other experimental controls than the matrix file's, by axis values: `{virtualization: native}`.
-    #[arg(long, value_name = "VALUES")]
-    control: Option<String>,
-    /// Another family than the matrix file's: all, against-controls, same-platform, or pairs such as `[[a, b]]`.
+    /// Another baseline than the matrix file's: the axis values of the scenarios that the others are compared with, such as
+    /// `{virtualization: native}`.
+    #[arg(long, value_name = "VALUES", alias = "control")]
+    baseline: Option<String>,
+    /// Another family than the matrix file's: all, against-baseline, same-platform, or pairs such as `[[a, b]]`.
     #[arg(long)]
     family: Option<String>,
     /// Other pairs to draw than the matrix file's, and of which windows: `[[b, h], [d/1, f/2]]`. As all of these it is spelt
@@ -95,7 +95,7 @@ impl ReportArguments {
     /// What is asked to differ in which scenarios are compared. It names those of the whole, where several runs make one.
     fn of_scenarios(&self) -> [(ReportOption, &Option<String>); 3] {
         [
-            (ReportOption::CONTROL, &self.control),
+            (ReportOption::BASELINE, &self.baseline),
             (ReportOption::FAMILY, &self.family),
             (ReportOption::FIGURES, &self.figures),
         ]
@@ -126,7 +126,7 @@ impl ReportArguments {
             return Err(CommandError::of_mistakes(wrong));
         }
         if !warnings.is_empty() && !self.output.quiet {
-            terminal::mistakes(&warnings);
+            terminal::print_diagnostics(&warnings);
         }
         Ok(settings)
     }
@@ -139,7 +139,7 @@ impl ReportArguments {
 pub fn execute(arguments: &ReportArguments) -> Result<Exit, CommandError> {
     let mut run = read(arguments)?;
     if let Some(folder) = &arguments.into {
-        see_that_a_report_may_go_there(folder)?;
+        ensure_may_hold_a_report(folder)?;
         run.report_folder = Place::root(folder);
     }
     let options = arguments.of_samples().into_iter().chain(arguments.of_scenarios());
@@ -212,7 +212,7 @@ fn read(arguments: &ReportArguments) -> Result<Run, CommandError> {
 }
 
 /// A folder of somebody else's is never written into: what a report does not have is removed there.
-fn see_that_a_report_may_go_there(folder: &Path) -> Result<(), CommandError> {
+fn ensure_may_hold_a_report(folder: &Path) -> Result<(), CommandError> {
     let is_empty = || fs::read_dir(folder).is_ok_and(|mut entries| entries.next().is_none());
     if !folder.exists() || is_empty() || reports::is_report_folder(&Place::root(folder)) {
         return Ok(());
@@ -261,9 +261,9 @@ pub fn after_run(
         ..ReportArguments::default()
     })?;
     if !output.quiet {
-        terminal::remark(&format!("run directory: {}", directory.path().display()));
+        terminal::print_note(&format!("run directory: {}", directory.path().display()));
         if exit != Exit::Done {
-            terminal::remark(&session::how_to_go_on(directory.path()));
+            terminal::print_note(&session::how_to_go_on(directory.path()));
         }
     }
     Ok(exit)

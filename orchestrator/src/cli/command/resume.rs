@@ -3,7 +3,10 @@
 use std::path::PathBuf;
 
 use clap::Args;
-use record::run_directory::{PlanRecord, PlannedScenario};
+use record::{
+    exit::matrix::Exit,
+    run_directory::{PlanRecord, PlannedScenario, RunState},
+};
 use schemars::JsonSchema;
 use serde::Serialize;
 
@@ -11,12 +14,11 @@ use crate::{
     cli::{
         command::{options::OutputArguments, report},
         completion,
-        exit::Exit,
-        session::{self, RunOptions, Show},
+        session::{self, ProgressDisplay, RunOptions},
         terminal::{self, CommandError},
     },
     provider::Catalogue,
-    run::{keep::Keep, recorded::RecordedRun, session::lock, state::RunState},
+    run::{keep::Keep, recorded::RecordedRun, session::lock},
     state_directory::StateDirectory,
 };
 
@@ -57,15 +59,15 @@ pub async fn execute(arguments: &ResumeArguments, catalogue: Catalogue) -> Resul
     let _lock = lock(&directory, &recorded.manifest.run)?;
     let recorded = RecordedRun::read(&directory)?;
     let show = if arguments.output.quiet {
-        Show::Nothing
+        ProgressDisplay::Nothing
     } else {
-        Show::Progress
+        ProgressDisplay::Progress
     };
     let exit = session::carry_out(
         &directory,
         &recorded.manifest,
         &recorded.plan,
-        &recorded.roster(catalogue)?,
+        &recorded.providers(catalogue)?,
         recorded.state,
         RunOptions {
             resumed: true,
@@ -115,10 +117,10 @@ fn what_is_left<'a>(plan: &'a PlanRecord, state: &RunState) -> Vec<Left<'a>> {
     let running = plan.scenarios.iter().filter(|planned| planned.runs());
     let left = running.filter_map(|scenario| {
         let state = state.scenario(&scenario.slug);
-        (!state.is_settled()).then(|| Left {
+        (!state.is_settled(scenario.rounds())).then(|| Left {
             scenario,
-            windows: state.wanted(scenario.settings.windows),
-            environment: state.open.map(|open| open.environment),
+            windows: state.wanted(1..=scenario.settings.all_windows()),
+            environment: state.open().next().map(|open| open.environment.clone()),
         })
     });
     left.collect()

@@ -7,23 +7,23 @@ use std::{
 };
 
 use clap::Args;
-use record::run_directory::{FORMAT, HostRecord, Manifest, Revision};
+use record::{
+    exit::matrix::Exit,
+    run_directory::{FORMAT, HostRecord, Manifest, RecordedConnection, Revision, RunState},
+};
 use sha2::{Digest, Sha256};
 
-use super::{
-    plan::{self, Planned, plan},
-    report,
-};
+use super::{plan, report};
 use crate::{
     cli::{
         command::options::{OutputArguments, SelectionArguments},
-        exit::Exit,
-        session::{self, RunOptions, Show},
+        session::{self, ProgressDisplay, RunOptions},
         terminal::{self, CommandError},
     },
     journal, matrix_file,
+    preparation::{self, Prepared},
     provider::Catalogue,
-    run::{keep::Keep, recorded::RecordedRun, session::lock, state::RunState},
+    run::{keep::Keep, recorded::RecordedRun, session::lock},
     state_directory::StateDirectory,
     workload_binary,
 };
@@ -53,7 +53,9 @@ pub struct RunArguments {
 /// # Errors
 /// When the file is wrong, nothing can run here, or the run cannot go on.
 pub async fn execute(arguments: &RunArguments, catalogue: Catalogue) -> Result<Exit, CommandError> {
-    let planned = plan(&arguments.file, &arguments.selection, arguments.output, catalogue).await?;
+    let request = arguments.selection.request(&arguments.file);
+    let planned = preparation::prepare(&request, catalogue).await?;
+    plan::show_warnings(&planned.plan, arguments.output);
     let quiet = arguments.output.quiet;
     if arguments.dry_run {
         match arguments.output.json {
@@ -63,13 +65,13 @@ pub async fn execute(arguments: &RunArguments, catalogue: Catalogue) -> Result<E
         return Ok(Exit::Done);
     }
     if !quiet {
-        terminal::remark(plan::as_text(&planned.plan).trim_end());
+        terminal::print_note(plan::as_text(&planned.plan).trim_end());
     }
     let record = &planned.plan.record;
     if record.order.is_empty() {
         if quiet {
             // Nothing else says why.
-            terminal::remark(plan::as_text(&planned.plan).trim_end());
+            terminal::print_note(plan::as_text(&planned.plan).trim_end());
         }
         return Err(CommandError {
             what: "no scenario can run here".into(),
@@ -89,17 +91,21 @@ pub async fn execute(arguments: &RunArguments, catalogue: Catalogue) -> Result<E
     let directory = RecordedRun::create(&arguments.out.join(&manifest.run), &manifest, record)?;
     let _lock = lock(&directory, &manifest.run)?;
     if !quiet {
-        terminal::remark(&format!(
+        terminal::print_note(&format!(
             "if this is killed, {}",
             session::how_to_go_on(directory.path())
         ));
     }
-    let show = if quiet { Show::Nothing } else { Show::Progress };
+    let show = if quiet {
+        ProgressDisplay::Nothing
+    } else {
+        ProgressDisplay::Progress
+    };
     let exit = session::carry_out(
         &directory,
         &manifest,
         record,
-        &planned.roster,
+        &planned.providers,
         RunState::default(),
         RunOptions {
             resumed: false,
@@ -111,7 +117,7 @@ pub async fn execute(arguments: &RunArguments, catalogue: Catalogue) -> Result<E
     report::after_run(&directory, exit, arguments.output)
 }
 
-fn manifest(arguments: &RunArguments, planned: &Planned) -> Result<Manifest, CommandError> {
+fn manifest(arguments: &RunArguments, planned: &Prepared) -> Result<Manifest, CommandError> {
     let text = planned.file.source.text();
     let path = fs::canonicalize(&arguments.file).unwrap_or_else(|_| arguments.file.clone());
     let providers = planned.file.providers.to_record();
@@ -130,7 +136,7 @@ fn manifest(arguments: &RunArguments, planned: &Planned) -> Result<Manifest, Com
         order: arguments.selection.order.name().to_owned(),
         seed: arguments.selection.seed,
         providers,
-        hosts: hosts(planned)?,
+        hosts: hosts(planned),
         report: planned.file.report.clone(),
         state_directory: Some(StateDirectory::of_this_user().path().to_owned()),
         redacted: false,
@@ -146,20 +152,19 @@ fn revision() -> Option<Revision> {
     })
 }
 
-fn hosts(planned: &Planned) -> Result<Vec<HostRecord>, CommandError> {
+fn hosts(planned: &Prepared) -> Vec<HostRecord> {
     let record = |host: &matrix_file::Host| {
         let name = host.name.value.clone();
         let facts = planned.facts.get(&name).cloned().unwrap_or_default();
-        Ok(HostRecord {
+        HostRecord {
             name,
-            connect: serde_json::to_value(&host.connection)?,
+            connect: RecordedConnection::Known(host.connection.clone()),
             hardware: facts.hardware,
             os: facts.os,
             kernel: facts.kernel,
-        })
+        }
     };
-    let records: Result<_, serde_json::Error> = planned.file.hosts.iter().map(record).collect();
-    records.map_err(|error| CommandError::new(Exit::Infrastructure, &error, None))
+    planned.file.hosts.iter().map(record).collect()
 }
 
 /// A name for a run: the time to the second, and what tells apart two that start within one.

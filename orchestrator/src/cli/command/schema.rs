@@ -1,19 +1,18 @@
 //! `matrix schema NAME`: the JSON Schema of a file that a person writes, or of what a command prints with `--json`.
 
 use clap::{Args, ValueEnum, builder::PossibleValue};
+use record::exit::matrix::Exit;
 use reports::{ReportDocument, drift::DriftDocument, messages::Messages};
 use schemars::{JsonSchema, generate::SchemaSettings};
 use serde_json::Value;
 
 use super::{
-    check::CheckDocument, clean::CleanDocument, doctor::DoctorDocument, ks::KsDocument, plan::PlanDocument,
-    redact::RedactDocument, resume::ResumeDocument, selftest::SelftestDocument, status::StatusDocument,
+    calibrate::CalibrateDocument, check::CheckDocument, clean::CleanDocument, doctor::DoctorDocument,
+    ks::KsDocument, plan::PlanDocument, redact::RedactDocument, resume::ResumeDocument,
+    status::StatusDocument,
 };
 use crate::{
-    cli::{
-        exit::Exit,
-        terminal::{self, ErrorDocument},
-    },
+    cli::terminal::{self, ErrorDocument},
     matrix_file,
     provider::Catalogue,
 };
@@ -83,9 +82,9 @@ const SCHEMAS: &[Schema] = &[
         make: output::<Messages>,
     },
     Schema {
-        name: "selftest",
-        of: "`matrix selftest --json`",
-        make: output::<SelftestDocument>,
+        name: "calibrate",
+        of: "`matrix calibrate --json`",
+        make: output::<CalibrateDocument>,
     },
     Schema {
         name: "drift-result",
@@ -120,7 +119,12 @@ impl ValueEnum for Schema {
     }
 
     fn to_possible_value(&self) -> Option<PossibleValue> {
-        Some(PossibleValue::new(self.name).help(self.of))
+        let value = PossibleValue::new(self.name).help(self.of);
+        // A schema has the name of its command, and one command had another.
+        Some(match self.name {
+            "calibrate" => value.alias("selftest"),
+            _ => value,
+        })
     }
 }
 

@@ -6,20 +6,19 @@ use std::{
 };
 
 use clap::Args;
-use record::run_directory::{PlannedScenario, RunDirectory};
+use record::{
+    exit::matrix::Exit,
+    run_directory::{PlannedScenario, RunDirectory, ScenarioState},
+};
 
 use crate::{
     cli::{
         completion,
-        exit::Exit,
         terminal::{self, CommandError},
     },
     lease,
     provider::{Catalogue, Fleet as _, ProviderError},
-    run::{
-        recorded::{RecordedRun, newest_first},
-        state::ScenarioState,
-    },
+    run::recorded::{RecordedRun, newest_first},
 };
 
 /// What it takes.
@@ -47,12 +46,12 @@ pub async fn execute(arguments: &ShellArguments, catalogue: Catalogue) -> Result
         environment,
         kept,
     } = find(arguments)?;
-    let roster = recorded.roster(catalogue)?;
+    let providers = recorded.providers(catalogue)?;
     let infrastructure = |error: ProviderError| {
         let hint = error.hint();
         CommandError::new(Exit::Infrastructure, &error, hint)
     };
-    let provider = roster.provider(&planned).map_err(infrastructure)?;
+    let provider = providers.provider(&planned).map_err(infrastructure)?;
     let leftovers = provider.leftovers().await.map_err(infrastructure)?;
     let mut ours = leftovers.iter().filter(|it| it.resource.name == environment);
     let Some(leftover) = ours.next() else {
@@ -68,7 +67,7 @@ pub async fn execute(arguments: &ShellArguments, catalogue: Catalogue) -> Result
         ));
     }
     let program = provider.shell(&environment).await.map_err(infrastructure)?;
-    let host = roster
+    let host = providers
         .host(planned.host.as_deref().unwrap_or_default())
         .map_err(infrastructure)?;
     let mut command = host.terminal(&program);
@@ -138,7 +137,10 @@ fn look(directory: &RunDirectory, wanted: &str) -> Result<Option<Left>, CommandE
     let Some(planned) = recorded.plan.scenarios.iter().find(is_it).cloned() else {
         return Ok(None);
     };
-    let ScenarioState { kept, open, .. } = recorded.state.scenario(&planned.slug);
+    let state = recorded.state.scenario(&planned.slug);
+    // Of several rounds, the one that was begun last.
+    let open = state.open().last().map(|open| open.environment.clone());
+    let ScenarioState { kept, .. } = state;
     // Names end with the number of the attempt.
     let attempt = |name: &String| {
         name.rsplit('-')
@@ -153,7 +155,7 @@ fn look(directory: &RunDirectory, wanted: &str) -> Result<Option<Left>, CommandE
                 "what is measured there would be disturbed: wait for it, or end it with Ctrl-C",
             ));
         }
-        None => open.map(|open| (open.environment, false)),
+        None => open.map(|environment| (environment, false)),
     };
     Ok(left.map(|(environment, kept)| Left {
         recorded,

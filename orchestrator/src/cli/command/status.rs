@@ -3,7 +3,10 @@
 use std::path::{Path, PathBuf};
 
 use clap::Args;
-use record::run_directory::{PlannedScenario, RunDirectory};
+use record::{
+    exit::matrix::Exit,
+    run_directory::{PlannedScenario, RoundState, RunDirectory, ScenarioState},
+};
 use reports::input::verification::{Verification, verify};
 use schemars::JsonSchema;
 use serde::Serialize;
@@ -13,11 +16,10 @@ use crate::{
     cli::{
         command::options::OutputArguments,
         completion,
-        exit::Exit,
         terminal::{self, CommandError},
     },
     disk_space, escaping, lease,
-    run::{recorded::RecordedRun, state::ScenarioState},
+    run::recorded::RecordedRun,
 };
 
 /// What it takes.
@@ -73,6 +75,25 @@ struct ScenarioRecord<'a> {
     silent_for_s: Option<u64>,
     /// The environment that exists or may exist; null if none does.
     environment: Option<&'a str>,
+    /// Its environment of each round, in the order of the rounds.
+    environments: Vec<EnvironmentOfRound<'a>>,
+}
+
+/// Where a scenario stands in one round, which has one environment of it.
+#[derive(Debug, Serialize, JsonSchema)]
+struct EnvironmentOfRound<'a> {
+    /// The round, from 1.
+    round: u32,
+    /// As a scenario's state.
+    state: &'static str,
+    /// Why, where there is a reason.
+    reason: Option<String>,
+    /// Windows that are planned.
+    windows: u32,
+    /// Windows that are in the run directory.
+    windows_collected: usize,
+    /// The environment that exists or may exist; null if none does.
+    environment: Option<&'a str>,
 }
 
 /// Whether the files of a run directory are as they were written.
@@ -121,19 +142,20 @@ pub fn execute(arguments: &StatusArguments) -> Result<Exit, CommandError> {
     // Of an errored scenario windows are missing although the journal says that the run ended.
     let finished = rows
         .iter()
-        .all(|(planned, state)| !planned.runs() || state.is_settled());
+        .all(|(planned, state)| !planned.runs() || state.is_settled(planned.rounds()));
     if arguments.output.json {
         let scenarios = rows.iter().map(|(planned, state)| ScenarioRecord {
             id: &planned.id,
             slug: &planned.slug,
             feasible: planned.feasible,
             state: word(planned, state, live),
-            reason: planned.reason.as_deref().or(state.reason.as_deref()),
-            windows: planned.settings.windows,
+            reason: planned.reason.as_deref().or_else(|| reason(planned, state)),
+            windows: planned.settings.all_windows(),
             windows_complete: state.complete().len(),
             windows_collected: state.collected.len(),
             silent_for_s: state.silent_for_s.filter(|_| live),
-            environment: state.open.as_ref().map(|open| open.environment.as_str()),
+            environment: state.open().last().map(|open| open.environment.as_str()),
+            environments: environments(planned, state, live),
         });
         terminal::json(&StatusDocument {
             run: &recorded.manifest.run,
@@ -150,7 +172,7 @@ pub fn execute(arguments: &StatusArguments) -> Result<Exit, CommandError> {
         if live { ", live" } else { "" }
     );
     for (planned, state) in &rows {
-        let reason = planned.reason.as_ref().or(state.reason.as_ref());
+        let reason = planned.reason.as_deref().or_else(|| reason(planned, state));
         let silent = state
             .silent_for_s
             .filter(|_| live)
@@ -161,11 +183,12 @@ pub fn execute(arguments: &StatusArguments) -> Result<Exit, CommandError> {
             planned.slug,
             word(planned, state, live),
             state.collected.len(),
-            planned.settings.windows,
+            planned.settings.all_windows(),
             silent.unwrap_or_default(),
             not_collected(state),
             reason.map(|reason| format!(": {reason}")).unwrap_or_default(),
         ));
+        text.push_str(&environments_as_text(&environments(planned, state, live)));
     }
     if !live && !finished {
         text.push_str(&format!(
@@ -242,15 +265,87 @@ fn not_collected(state: &ScenarioState) -> String {
     }
 }
 
+/// The state of a scenario that has several environments is that of the one to look at first: one that is at work or was left, one
+/// that has not ended as it should, and only then what all of them have come to.
 fn word(planned: &PlannedScenario, state: &ScenarioState, live: bool) -> &'static str {
+    const FIRST: [&str; 8] = [
+        "running",
+        "left behind",
+        "interrupted",
+        "waiting",
+        "errored",
+        "failed",
+        "completed",
+        "infeasible",
+    ];
     if planned.not_selected.is_some() {
         return "not selected";
     }
-    match (planned.feasible, state.outcome, &state.open) {
+    let words = planned
+        .rounds()
+        .map(|round| word_of_round(planned, &state.round(round), live));
+    let place = |word: &&str| FIRST.iter().position(|first| first == word);
+    words.min_by_key(place).unwrap_or("waiting")
+}
+
+fn word_of_round(planned: &PlannedScenario, round: &RoundState, live: bool) -> &'static str {
+    if planned.not_selected.is_some() {
+        return "not selected";
+    }
+    match (planned.feasible, round.outcome, &round.open) {
         (false, ..) => "infeasible",
         (true, Some(outcome), _) => outcome.name(),
         (true, None, Some(_)) if live => "running",
         (true, None, Some(_)) => "left behind",
         (true, None, None) => "waiting",
     }
+}
+
+/// Why a scenario did not end as it should, in the first round of which there is a reason.
+fn reason<'s>(planned: &PlannedScenario, state: &'s ScenarioState) -> Option<&'s str> {
+    let mut reasons = planned
+        .rounds()
+        .filter_map(|round| state.rounds.get(&round)?.reason.as_deref());
+    reasons.next()
+}
+
+fn environments<'s>(
+    planned: &PlannedScenario,
+    state: &'s ScenarioState,
+    live: bool,
+) -> Vec<EnvironmentOfRound<'s>> {
+    let environment = |number: u32| {
+        let round = state.rounds.get(&number);
+        let windows = planned.settings.windows_of_round(number);
+        EnvironmentOfRound {
+            round: number,
+            state: word_of_round(planned, &round.cloned().unwrap_or_default(), live),
+            reason: round.and_then(|round| round.reason.clone()),
+            windows: planned.settings.windows,
+            windows_collected: windows
+                .filter(|window| state.collected.contains_key(window))
+                .count(),
+            environment: round.and_then(|round| Some(round.open.as_ref()?.environment.as_str())),
+        }
+    };
+    planned.rounds().map(environment).collect()
+}
+
+/// A line for each environment; none where a scenario has but one, whose line has it all.
+fn environments_as_text(environments: &[EnvironmentOfRound<'_>]) -> String {
+    if environments.len() < 2 {
+        return String::new();
+    }
+    let line = |it: &EnvironmentOfRound<'_>| {
+        let reason = it.reason.as_ref().map(|reason| format!(": {reason}"));
+        format!(
+            "    environment {}: {}, {} of {} windows{}\n",
+            it.round,
+            it.state,
+            it.windows_collected,
+            it.windows,
+            reason.unwrap_or_default()
+        )
+    };
+    environments.iter().map(line).collect()
 }

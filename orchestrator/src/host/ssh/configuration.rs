@@ -10,8 +10,10 @@ use std::{
     process::{Command, Stdio},
 };
 
+use record::connection::SshAddress;
+
 use super::SshError;
-use crate::{matrix_file::SshAddress, workload_binary};
+use crate::workload_binary;
 
 /// What is tried where nobody names a key.
 const DEFAULT_IDENTITIES: [&str; 3] = ["id_ed25519", "id_ecdsa", "id_rsa"];

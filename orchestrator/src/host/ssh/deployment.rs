@@ -23,7 +23,7 @@ use crate::{
 /// What is asked of the host.
 const TAKING: &str = "taking the workload";
 /// Megabytes over a bad line.
-const PATIENCE: Duration = Duration::from_secs(600);
+const TIMEOUT: Duration = Duration::from_secs(600);
 
 /// What the host is and where its state directory is. As `StateDirectory` decides it: what is not absolute is ignored.
 const LOOK: &str = r#"
@@ -146,7 +146,7 @@ fn read_look(said: &str) -> Result<Look, NoDeployment> {
 /// What a script says that has to succeed.
 async fn run(host: &SshHost, script: &str, arguments: &[&str], input: &[u8]) -> Result<String, HostError> {
     let starting = host.start_line(of_script(script, arguments));
-    let (exit, said) = answer(&host.way.name, TAKING, starting, input, PATIENCE).await?;
+    let (exit, said) = answer(&host.way.name, TAKING, starting, input, TIMEOUT).await?;
     if exit.success() {
         return Ok(String::from_utf8_lossy(&said).into_owned());
     }

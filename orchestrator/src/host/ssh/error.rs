@@ -69,12 +69,12 @@ pub enum SshError {
         source: io::Error,
     },
     /// The key that it showed is not the host's, as far as anybody knows.
-    #[error("the key of {place} {complaint}: it showed {algorithm} {fingerprint}")]
+    #[error("the key of {place} {problem}: it showed {algorithm} {fingerprint}")]
     HostKey {
         /// `host:port`.
         place: String,
         /// What is wrong with it.
-        complaint: Complaint,
+        problem: HostKeyProblem,
         /// As in `ssh-ed25519`.
         algorithm: String,
         /// `SHA256:…`, as `ssh-keygen -l` prints it.
@@ -112,7 +112,7 @@ pub enum SshError {
 
 /// What is wrong with a host's key.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Complaint {
+pub enum HostKeyProblem {
     /// No file knows the host.
     Unknown,
     /// The files know another.
@@ -121,7 +121,7 @@ pub enum Complaint {
     Revoked,
 }
 
-impl std::fmt::Display for Complaint {
+impl std::fmt::Display for HostKeyProblem {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
         f.write_str(match self {
             Self::Unknown => "is not known",

@@ -5,8 +5,9 @@ use std::{
     sync::{Arc, OnceLock},
 };
 
+use record::connection::{Ssh, SshAddress, SshAddressError};
+
 use super::{SshError, configuration::SshClient};
-use crate::matrix_file::{Ssh, SshAddress, SshAddressError};
 
 const SSH_PORT: u16 = 22;
 /// More of them are a circle.

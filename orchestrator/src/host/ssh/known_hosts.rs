@@ -12,7 +12,7 @@ use ssh2::{CheckResult, HashType, KnownHostFileKind, MethodType, Session};
 
 use super::{
     SshError,
-    error::Complaint,
+    error::HostKeyProblem,
     hop::{Hop, HostKeys},
     small_file,
 };
@@ -108,11 +108,11 @@ impl<'a> KnownHosts<'a> {
         if let HostKeys::FirstSeen(seen) = &self.hop.host_keys {
             return match seen.get_or_init(|| key.to_owned()) == key {
                 true => Ok(()),
-                false => Err(self.complain(Complaint::Changed, session, key)),
+                false => Err(self.refusal(HostKeyProblem::Changed, session, key)),
             };
         }
         if self.revoked.contains(&STANDARD_NO_PAD.encode(key)) {
-            return Err(self.complain(Complaint::Revoked, session, key));
+            return Err(self.refusal(HostKeyProblem::Revoked, session, key));
         }
         let valid = table(session, self.valid.iter().map(|(_, line)| line)).map_err(broke)?;
         for (number, name) in self.names().iter().enumerate() {
@@ -120,12 +120,12 @@ impl<'a> KnownHosts<'a> {
                 CheckResult::Match => return Ok(()),
                 // Without its port another server of the host may be meant.
                 CheckResult::Mismatch if number == 0 => {
-                    return Err(self.complain(Complaint::Changed, session, key));
+                    return Err(self.refusal(HostKeyProblem::Changed, session, key));
                 }
                 _ => {}
             }
         }
-        Err(self.complain(Complaint::Unknown, session, key))
+        Err(self.refusal(HostKeyProblem::Unknown, session, key))
     }
 
     /// The names to look for, the most exact first, as `ssh` does.
@@ -148,17 +148,17 @@ impl<'a> KnownHosts<'a> {
         Ok(self.names().iter().any(there))
     }
 
-    fn complain(&self, complaint: Complaint, session: &Session, key: &[u8]) -> SshError {
+    fn refusal(&self, problem: HostKeyProblem, session: &Session, key: &[u8]) -> SshError {
         SshError::HostKey {
             place: self.hop.place(),
-            complaint,
+            problem,
             algorithm: kind(key),
             fingerprint: fingerprint(session),
-            hint: self.hint(complaint),
+            hint: self.hint(problem),
         }
     }
 
-    fn hint(&self, complaint: Complaint) -> String {
+    fn hint(&self, problem: HostKeyProblem) -> String {
         let Hop { host, port, user, .. } = self.hop;
         let HostKeys::Known(files) = &self.hop.host_keys else {
             return "it is not the machine that was made: remove it, and have it made anew".to_owned();
@@ -172,14 +172,14 @@ impl<'a> KnownHosts<'a> {
         };
         let check = "compare the fingerprint with the host's own, as \
                      `ssh-keygen -lf /etc/ssh/ssh_host_ed25519_key.pub` prints it there";
-        match complaint {
-            Complaint::Unknown => format!("{check}; if it is the same, {add} makes it known"),
-            Complaint::Changed => format!(
+        match problem {
+            HostKeyProblem::Unknown => format!("{check}; if it is the same, {add} makes it known"),
+            HostKeyProblem::Changed => format!(
                 "somebody may be answering in its place. If the host was set up anew, {check}; if it is the same, \
                  `ssh-keygen -f {file} -R '{}'` and {add} make it known",
                 self.names().first().unwrap_or(host)
             ),
-            Complaint::Revoked => "the host needs a new key".to_owned(),
+            HostKeyProblem::Revoked => "the host needs a new key".to_owned(),
         }
     }
 }

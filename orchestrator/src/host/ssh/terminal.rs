@@ -3,11 +3,9 @@
 
 use std::{ffi::OsString, path::Path, process::Command};
 
-use crate::{
-    escaping::quoted,
-    host::Program,
-    matrix_file::{Ssh, SshAddress},
-};
+use record::connection::{Ssh, SshAddress};
+
+use crate::{escaping::quoted, host::Program};
 
 /// `ssh`, on its way to start a program with our standard input and output, by the way that the matrix file names.
 #[must_use]

@@ -9,9 +9,11 @@ use std::{
     path::Path,
 };
 
-use record::detached::{AlreadyThere, is_sent_whole};
+use record::{
+    detached::{AlreadyThere, is_sent_whole},
+    transfer::{Receiver, receive},
+};
 use tokio::io::AsyncWriteExt as _;
-use workload::detached::{Receiver, receive};
 
 use super::{AgentClient, json};
 use crate::provider::{
@@ -203,9 +205,8 @@ mod tests {
 
     use lz4_flex::frame::FrameEncoder;
     use proptest::prelude::*;
-    use record::{quantity::TimeSpan, settings::Settings};
+    use record::{quantity::TimeSpan, settings::Settings, transfer::send};
     use tar::EntryType;
-    use workload::detached::send;
 
     use super::*;
     use crate::provider::EnvironmentRequest;

@@ -28,7 +28,7 @@ use super::{
 };
 use crate::provider::{
     ProviderError,
-    trial::{self, ACTION, PATIENCE},
+    capability_probe::{self, ACTION, TIMEOUT},
 };
 
 /// Asks the workload in a container, with the rights and limits of one that measures, and removes the container. The image
@@ -66,11 +66,11 @@ pub async fn check(
         put_workload(engine, &name).await?;
         ask(engine, &name).await
     };
-    let asked = tokio::time::timeout(PATIENCE, asked).await;
+    let asked = tokio::time::timeout(TIMEOUT, asked).await;
     remove_container(engine, &name).await?;
     asked.map_err(|_| ProviderError::TimedOut {
         action: ACTION.to_owned(),
-        after: PATIENCE,
+        after: TIMEOUT,
     })?
 }
 
@@ -111,7 +111,7 @@ async fn ask(engine: &Engine, name: &str) -> Result<CheckRecord, ProviderError> 
         .partition(|piece| matches!(piece, LogOutput::StdErr { .. }));
     let printed: Vec<u8> = printed.into_iter().flat_map(LogOutput::into_bytes).collect();
     let words: String = words.iter().map(ToString::to_string).collect();
-    trial::answer(&printed).map_err(|unreadable| unanswered(&words).unwrap_or(unreadable))
+    capability_probe::answer(&printed).map_err(|unreadable| unanswered(&words).unwrap_or(unreadable))
 }
 
 /// Why there is no answer, where what was to be done before the workload could not be done and said so.

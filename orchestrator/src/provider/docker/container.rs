@@ -13,7 +13,7 @@ use bollard::models::{
 use record::{quantity::Bytes, settings::Need};
 
 use super::{folders::DATA, image::Image, labels::Labels, seccomp, settings::DockerSettings};
-use crate::provider::{EnvironmentRequest, trial};
+use crate::provider::{EnvironmentRequest, capability_probe};
 
 /// Where the Dockerfile puts the workload in our images.
 pub const WORKLOAD: &str = "/workload";
@@ -78,7 +78,7 @@ pub fn check(
             ..rights_and_limits(settings, machine_memory)
         }),
         entrypoint: Some(entrypoint(settings, format!("{DATA}{WORKLOAD}"))),
-        cmd: Some(trial::arguments(need).into()),
+        cmd: Some(capability_probe::call(need).arguments().into()),
         ..bare(&Labels::of_check(), image)
     }
 }

@@ -16,7 +16,7 @@ use bollard::{
     errors::Error,
     models::{SystemInfo, SystemVersion},
 };
-use serde::Serialize;
+use record::run_directory::EngineParts;
 
 use super::transport::{self, Allowance, Exceeded, TooLong};
 use crate::{
@@ -76,7 +76,7 @@ pub struct Engine {
     /// The memory of its machine, in bytes, where it says so and can limit a container's.
     pub memory: Option<u64>,
     /// What it makes containers with.
-    pub parts: Parts,
+    pub parts: EngineParts,
     /// Where it is reached: here, or by what leads there.
     address: String,
     /// What of its answers was too long.
@@ -89,43 +89,22 @@ pub struct Engine {
     workload: Arc<OnceLock<Workload>>,
 }
 
-/// What an engine makes containers with, by its own words; none where it does not say.
-#[derive(Debug, Clone, Default, Serialize)]
-pub struct Parts {
-    /// How the layers of images become one file system, such as `overlay2`.
-    storage_driver: Option<String>,
-    /// The runtime of containers that name none, such as `runc`.
-    default_runtime: Option<String>,
-    /// The version of runc.
-    runc_version: Option<String>,
-    /// The version of containerd.
-    containerd_version: Option<String>,
-    /// The version of the host's control groups: `1` or `2`.
-    cgroup_version: Option<String>,
-    /// Who makes control groups: `cgroupfs` or `systemd`.
-    cgroup_driver: Option<String>,
-    /// What stands between containers and the host, such as `name=apparmor`, `name=userns` or `name=rootless`.
-    security_options: Vec<String>,
-}
-
-impl Parts {
-    fn of(version: &SystemVersion, info: &SystemInfo) -> Self {
-        let said =
-            |text: Option<&dyn fmt::Display>| text.map(ToString::to_string).filter(|text| !text.is_empty());
-        let component = |name: &str| {
-            let mut components = version.components.iter().flatten();
-            let named = components.find(|component| component.name == name);
-            said(named.map(|component| &component.version as &dyn fmt::Display))
-        };
-        Self {
-            storage_driver: said(info.driver.as_ref().map(|it| it as _)),
-            default_runtime: said(info.default_runtime.as_ref().map(|it| it as _)),
-            runc_version: component("runc"),
-            containerd_version: component("containerd"),
-            cgroup_version: said(info.cgroup_version.as_ref().map(|it| it as _)),
-            cgroup_driver: said(info.cgroup_driver.as_ref().map(|it| it as _)),
-            security_options: info.security_options.clone().unwrap_or_default(),
-        }
+fn parts(version: &SystemVersion, info: &SystemInfo) -> EngineParts {
+    let said =
+        |text: Option<&dyn fmt::Display>| text.map(ToString::to_string).filter(|text| !text.is_empty());
+    let component = |name: &str| {
+        let mut components = version.components.iter().flatten();
+        let named = components.find(|component| component.name == name);
+        said(named.map(|component| &component.version as &dyn fmt::Display))
+    };
+    EngineParts {
+        storage_driver: said(info.driver.as_ref().map(|it| it as _)),
+        default_runtime: said(info.default_runtime.as_ref().map(|it| it as _)),
+        runc_version: component("runc"),
+        containerd_version: component("containerd"),
+        cgroup_version: said(info.cgroup_version.as_ref().map(|it| it as _)),
+        cgroup_driver: said(info.cgroup_driver.as_ref().map(|it| it as _)),
+        security_options: info.security_options.clone().unwrap_or_default(),
     }
 }
 
@@ -172,19 +151,19 @@ impl Engine {
         Self::answering_within(FIRST_ANSWER, address).await
     }
 
-    async fn answering_within(patience: Duration, address: &str) -> Result<Self, ProviderError> {
+    async fn answering_within(timeout: Duration, address: &str) -> Result<Self, ProviderError> {
         let unreachable = |error| unreachable(address, error);
         let exceeded = Exceeded::default();
         let api = transport::connect(address, &exceeded).map_err(unreachable)?;
         // An engine takes some milliseconds to say what it is, since it asks its parts.
         let asked = async { tokio::join!(api.version(), api.info(), api.clone().negotiate_version()) };
-        let answered = tokio::time::timeout(patience, asked).await;
+        let answered = tokio::time::timeout(timeout, asked).await;
         let (version, info, api) =
-            answered.map_err(|_| unreachable(Error::from(io::Error::other(Silent(patience)))))?;
+            answered.map_err(|_| unreachable(Error::from(io::Error::other(Silent(timeout)))))?;
         let version = version.map_err(unreachable)?;
         let info = info.map_err(unreachable)?;
         let api = api.map_err(unreachable)?;
-        let parts = Parts::of(&version, &info);
+        let parts = parts(&version, &info);
         let memory = info.mem_total.filter(|_| info.memory_limit != Some(false));
         Ok(Self {
             api,
@@ -582,8 +561,8 @@ mod tests {
     #[tokio::test]
     async fn an_engine_that_takes_a_connection_and_says_nothing_is_given_up_when_its_time_is_over() {
         let hostile = Hostile::saying("", b"");
-        let patience = Duration::from_millis(200);
-        let error = Engine::answering_within(patience, &hostile.address())
+        let timeout = Duration::from_millis(200);
+        let error = Engine::answering_within(timeout, &hostile.address())
             .await
             .unwrap_err();
         let why = record::causes::with_causes(&error);
@@ -638,7 +617,7 @@ mod tests {
             kernel: String::new(),
             kernel_machine: kernel_machine.to_owned(),
             memory: None,
-            parts: Parts::default(),
+            parts: EngineParts::default(),
             is_here: false,
             forward: None,
             workload: Arc::default(),

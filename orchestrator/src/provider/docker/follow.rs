@@ -24,7 +24,7 @@ use crate::provider::{ProviderError, backoff::Backoff, lines::Lines};
 /// Lines that wait to be taken; beyond that the engine waits, which keeps them in the container's log.
 const WAITING_LINES: usize = 64;
 /// Between the end of a container's log and the engine's knowing that it has ended.
-const PATIENCE: Duration = Duration::from_secs(10);
+const TIMEOUT: Duration = Duration::from_secs(10);
 /// An engine that removes a container takes a second or two.
 const REMOVED_WITHIN: Duration = Duration::from_secs(30);
 const ACTION: &str = "following the workload's lines";
@@ -149,7 +149,7 @@ impl Taken {
             }
         }
         // The log also ends when the engine does: only the container's own end is the end of its lines.
-        match tokio::time::timeout(PATIENCE, until_ended(engine, container)).await {
+        match tokio::time::timeout(TIMEOUT, until_ended(engine, container)).await {
             Ok(ended) => ended,
             Err(_) => Err(translate(
                 ACTION,

@@ -38,8 +38,8 @@ const LONGEST_ANSWER: u64 = 8 << 20;
 /// The most that may come between two frames of a log. An engine cuts lines into frames of 16 KiB.
 const LONGEST_FRAME: u64 = 4 << 20;
 /// How long an engine may take until it begins to answer, in seconds: bollard's own value. And how long it may stop in a document.
-const PATIENCE_S: u64 = 120;
-const PATIENCE: Duration = Duration::from_secs(PATIENCE_S);
+const TIMEOUT_S: u64 = 120;
+const TIMEOUT: Duration = Duration::from_secs(TIMEOUT_S);
 
 /// An engine answers without end.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, thiserror::Error)]
@@ -194,7 +194,7 @@ fn by_our_way(
         async move { ask(&address, allowance, request).await }
     };
     // The host is in no request's way.
-    Api::connect_with_custom_transport(way, Some("http://engine"), PATIENCE_S, version)
+    Api::connect_with_custom_transport(way, Some("http://engine"), TIMEOUT_S, version)
 }
 
 /// Whether files are asked for.
@@ -208,7 +208,7 @@ async fn ask(
     request: BollardRequest,
 ) -> Result<Response<Incoming>, Error> {
     let stream = address.open().await?;
-    let pause = is_document(&request).then(|| Pause::of_at_most(PATIENCE));
+    let pause = is_document(&request).then(|| Pause::of_at_most(TIMEOUT));
     let bounded = Bounded {
         stream,
         allowance,

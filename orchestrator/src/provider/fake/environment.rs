@@ -12,7 +12,9 @@ use std::{
 };
 
 use async_trait::async_trait;
-use record::{FORMAT, layout, platform::PlatformRecord, progress::Progress, window::Verdict};
+use record::{
+    FORMAT, layout, platform::PlatformRecord, progress::Progress, run_directory::fact, window::Verdict,
+};
 use serde::{Deserialize, Serialize};
 use serde_json::{Map, Value, json};
 use tokio::time::Instant;
@@ -261,7 +263,7 @@ impl FakeEnvironment {
 impl Environment for FakeEnvironment {
     fn facts(&self) -> Map<String, Value> {
         let mut facts = Map::new();
-        facts.insert("provider".to_owned(), json!(super::NAME));
+        facts.insert(fact::PROVIDER.to_owned(), json!(super::NAME));
         facts.insert("seed".to_owned(), json!(self.settings.seed));
         facts
     }

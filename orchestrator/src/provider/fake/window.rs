@@ -25,7 +25,7 @@ use record::{
     },
 };
 use sha2::{Digest as _, Sha256};
-use workload::simulation::{Platform, Simulation};
+use simulation::closed_loop::{Platform, Simulation};
 
 /// Which window of which environment.
 #[derive(Debug, Clone, Copy)]

@@ -20,7 +20,7 @@ use crate::{
 };
 
 /// How long it may take to become root.
-const PATIENCE: Duration = Duration::from_secs(60);
+const TIMEOUT: Duration = Duration::from_secs(60);
 
 /// The same program, run by root: networks of the kernel's, real-time priorities and tcpdump are for root alone.
 fn as_root(program: &Program) -> Program {
@@ -77,7 +77,7 @@ impl Inside {
             let ssh = host.machine_behind(name, way.address.clone(), key.path());
             // Boxes let their user do so by convention, and a machine of ours is ours altogether.
             let asking = as_root(&Program::new::<&str>("true", []));
-            match output(ssh.as_ref(), &asking, b"", PATIENCE).await {
+            match output(ssh.as_ref(), &asking, b"", TIMEOUT).await {
                 Ok((exit, _)) => {
                     return Ok(Self {
                         ssh,
@@ -152,7 +152,7 @@ impl Host for Inside {
     fn machine_behind(
         &self,
         name: &str,
-        address: crate::matrix_file::SshAddress,
+        address: record::connection::SshAddress,
         identity: PathBuf,
     ) -> Arc<dyn Host> {
         self.ssh.machine_behind(name, address, identity)

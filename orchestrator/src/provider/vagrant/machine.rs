@@ -10,14 +10,13 @@ use std::{
     time::Duration,
 };
 
-use record::{detached::Owner, layout};
-use serde::{Deserialize, Serialize};
+use record::{detached::Owner, layout, run_directory::VagrantBox};
 use serde_json::{Value, json};
 use tokio::time::{Instant, sleep};
 
 use super::{
     VagrantSettings,
-    output::{self, Complaint, Line},
+    output::{self, Line, VagrantFailure},
     ssh_config::{self, SshConfig},
 };
 use crate::{
@@ -75,27 +74,15 @@ const MADE_OF: &str = r#"
 cd "$1/$2" && { cat box.sha256 2>/dev/null || echo; } && cat .vagrant/machines/machine/*/box_meta
 "#;
 
-/// The box that a machine was made of.
-#[derive(Debug, Clone, PartialEq, Eq, Deserialize, Serialize)]
-pub struct MadeOf {
-    /// Its name.
-    name: String,
-    /// Its version; `0` of a box that was made here.
-    version: String,
-    /// SHA-256 of the list of its files with theirs, in hexadecimal; none where it could not be had.
-    sha256: Option<String>,
-}
-
-impl MadeOf {
-    fn read(printed: &str) -> Option<Self> {
-        let (digest, known) = printed.split_once('\n')?;
-        let is_digest = digest.len() == 64 && digest.bytes().all(|byte| byte.is_ascii_hexdigit());
-        let made_of: Self = serde_json::from_str(known).ok()?;
-        Some(Self {
-            sha256: is_digest.then(|| digest.to_owned()),
-            ..made_of
-        })
-    }
+/// The box that [`MADE_OF`] printed.
+fn made_of(printed: &str) -> Option<VagrantBox> {
+    let (digest, known) = printed.split_once('\n')?;
+    let is_digest = digest.len() == 64 && digest.bytes().all(|byte| byte.is_ascii_hexdigit());
+    let made_of: VagrantBox = serde_json::from_str(known).ok()?;
+    Some(VagrantBox {
+        sha256: is_digest.then(|| digest.to_owned()),
+        ..made_of
+    })
 }
 
 /// The folders of machines on a host.
@@ -245,11 +232,11 @@ impl Machine {
     }
 
     /// The box that it was made of; none where Vagrant has not written it down.
-    pub async fn made_of(&self) -> Option<MadeOf> {
+    pub async fn made_of(&self) -> Option<VagrantBox> {
         let said = self
             .folders
             .shell("asking for the machine's box", MADE_OF, &self.name, b"");
-        MadeOf::read(&said.await.ok()?)
+        made_of(&said.await.ok()?)
     }
 
     /// Its state in Vagrant's words: `running`, `shutoff`, `poweroff`, `not_created`, …
@@ -346,14 +333,14 @@ impl Machine {
         &self,
         action: &str,
         arguments: &[&str],
-        patience: Duration,
+        timeout: Duration,
     ) -> Result<Vec<Line>, ProviderError> {
         let arguments = [&["--machine-readable"], arguments].concat();
         let give_up = Instant::now() + LOCKED;
         loop {
-            let said = self.call(&arguments, patience).await?;
+            let said = self.call(&arguments, timeout).await?;
             let locked = !said.0.success() && {
-                let class = output::complaint(&said.1, &said.0.last_words).class;
+                let class = output::failure(&said.1, &said.0.last_words).class;
                 class.ends_with("MachineLocked") || class.ends_with("EnvironmentLockedError")
             };
             if !locked || Instant::now() > give_up {
@@ -363,9 +350,9 @@ impl Machine {
         }
     }
 
-    async fn call(&self, arguments: &[&str], patience: Duration) -> Result<(Exit, String), ProviderError> {
+    async fn call(&self, arguments: &[&str], timeout: Duration) -> Result<(Exit, String), ProviderError> {
         let program = vagrant(&self.folder(), arguments);
-        let (exit, said) = output(self.folders.host.as_ref(), &program, b"", patience).await?;
+        let (exit, said) = output(self.folders.host.as_ref(), &program, b"", timeout).await?;
         Ok((exit, String::from_utf8_lossy(&said).into_owned()))
     }
 
@@ -373,13 +360,13 @@ impl Machine {
         if exit.success() {
             return Ok(printed);
         }
-        let complaint = output::complaint(&printed, &exit.last_words);
-        let hint = hint(&complaint).map(str::to_owned);
+        let failure = output::failure(&printed, &exit.last_words);
+        let hint = hint(&failure).map(str::to_owned);
         Err(ProviderError::Refused {
             platform: format!("Vagrant on host `{}`", self.folders.host.name()),
             action: action.to_owned(),
             hint,
-            source: complaint.into(),
+            source: failure.into(),
         })
     }
 }
@@ -429,8 +416,8 @@ fn network_card(provider: &str, model: Option<&str>) -> Option<(&'static str, Va
     }
 }
 
-fn hint(complaint: &Complaint) -> Option<&'static str> {
-    match complaint.class.rsplit("::").next().unwrap_or_default() {
+fn hint(failure: &VagrantFailure) -> Option<&'static str> {
+    match failure.class.rsplit("::").next().unwrap_or_default() {
         "VMBootTimeout" | "SSHNotReady" => Some(
             "give it more time with `boot_timeout`, or see whether the box has the user and key that Vagrant expects",
         ),
@@ -482,7 +469,7 @@ mod tests {
         let folders = MachineFolders::beside(host, &folder.path().join("environments"));
         let machine = folders.machine("m", "libvirt");
         let made_of = |sha256| {
-            Some(MadeOf {
+            Some(VagrantBox {
                 name: "matrix/debian-12".to_owned(),
                 version: "0".to_owned(),
                 sha256,

@@ -13,7 +13,7 @@ pub struct Line {
 /// Why Vagrant gave up.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
 #[error("{words}")]
-pub struct Complaint {
+pub struct VagrantFailure {
     /// The class of its error, such as `Vagrant::Errors::VMBootBadState`; empty where it does not say.
     pub class: String,
     /// Its own words, in one line.
@@ -59,9 +59,9 @@ pub fn value<'a>(lines: &'a [Line], kind: &str) -> Option<&'a str> {
 
 /// Why a call failed, from what it printed and from its standard error.
 #[must_use]
-pub fn complaint(printed: &str, errors: &str) -> Complaint {
+pub fn failure(printed: &str, errors: &str) -> VagrantFailure {
     let lines = read(printed);
-    let of = |line: &Line, words: usize, class: &str| Complaint {
+    let of = |line: &Line, words: usize, class: &str| VagrantFailure {
         class: class.to_owned(),
         words: one_line(line.data.get(words).map_or("", String::as_str)),
     };
@@ -74,7 +74,7 @@ pub fn complaint(printed: &str, errors: &str) -> Complaint {
     }
     // A crash of Ruby's: its last lines are where it was, its first what it was.
     let first = errors.lines().find(|line| !line.trim().is_empty());
-    Complaint {
+    VagrantFailure {
         class: String::new(),
         words: one_line(first.unwrap_or("it does not say why")),
     }
@@ -121,8 +121,8 @@ mod tests {
     #[test]
     fn a_failure_has_its_class_and_its_words() {
         assert_eq!(
-            complaint(FAILED, ""),
-            Complaint {
+            failure(FAILED, ""),
+            VagrantFailure {
                 class: "Vagrant::Errors::MachineLocked".to_owned(),
                 words:
                     "An action 'up' was attempted on the machine 'machine', but another process is already \
@@ -131,11 +131,11 @@ mod tests {
             }
         );
         let told = "1795272478,,ui,error,There are errors in the\\nconfiguration\n";
-        assert_eq!(complaint(told, "").words, "There are errors in the configuration");
+        assert_eq!(failure(told, "").words, "There are errors in the configuration");
         assert_eq!(
-            complaint("", "\nuninitialized constant X\n at y\n").words,
+            failure("", "\nuninitialized constant X\n at y\n").words,
             "uninitialized constant X"
         );
-        assert_eq!(complaint("", "").words, "it does not say why");
+        assert_eq!(failure("", "").words, "it does not say why");
     }
 }

@@ -3,6 +3,7 @@
 
 use std::{path::Path, time::Duration};
 
+use record::run_directory::fact;
 use serde_json::{Map, Value, json};
 
 use super::{
@@ -15,7 +16,7 @@ use crate::{
     provider::{Availability, ProviderError},
 };
 
-const PATIENCE: Duration = Duration::from_secs(120);
+const TIMEOUT: Duration = Duration::from_secs(120);
 /// What a host answers when it has no such program, as shells do.
 const NOT_FOUND: i32 = 127;
 
@@ -33,7 +34,7 @@ pub async fn versions(host: &dyn Host, required: &Requirement) -> Map<String, Va
     // virsh speaks the language of its surroundings.
     let english = ["LC_ALL=C", program];
     let program = Program::new("env", english.iter().chain(arguments).copied());
-    match run(host, &program, b"", PATIENCE).await {
+    match run(host, &program, b"", TIMEOUT).await {
         Ok((exit, printed)) if exit.success() => versions_in(&String::from_utf8_lossy(&printed)),
         _ => Map::new(),
     }
@@ -43,9 +44,10 @@ pub async fn versions(host: &dyn Host, required: &Requirement) -> Map<String, Va
 fn versions_in(printed: &str) -> Map<String, Value> {
     let version = |line: &str| {
         let (name, version) = match line.split_once(": ") {
+            // By their names in small letters these are `fact::LIBVIRT` and `fact::QEMU`.
             Some(("Using library" | "Running hypervisor", named)) => named.split_once(' ')?,
             // VirtualBox prints nothing but the version, after its warnings.
-            None if line.starts_with(|c: char| c.is_ascii_digit()) => ("virtualbox", line),
+            None if line.starts_with(|c: char| c.is_ascii_digit()) => (fact::VIRTUALBOX, line),
             _ => return None,
         };
         Some((name.to_lowercase(), json!(version)))
@@ -146,13 +148,13 @@ fn how_to_get(name: &str, provider: &str) -> String {
 
 async fn end_of(host: &dyn Host, (program, arguments): Probe) -> Result<Exit, ProviderError> {
     let program = Program::new(program, arguments.iter().copied());
-    let (exit, _) = run(host, &program, b"", PATIENCE).await?;
+    let (exit, _) = run(host, &program, b"", TIMEOUT).await?;
     Ok(exit)
 }
 
 /// What Vagrant printed; none where it is not there or does not want to.
 async fn ask(host: &dyn Host, arguments: &[&str]) -> Result<Option<String>, ProviderError> {
-    let (exit, printed) = run(host, &machine::vagrant(Path::new("/"), arguments), b"", PATIENCE).await?;
+    let (exit, printed) = run(host, &machine::vagrant(Path::new("/"), arguments), b"", TIMEOUT).await?;
     Ok(exit
         .success()
         .then(|| String::from_utf8_lossy(&printed).into_owned()))
@@ -211,7 +213,7 @@ WARNING: The vboxdrv kernel module is not loaded. Either there is no module
 ";
 
     #[rstest::rstest]
-    #[case(VIRSH, json!({"libvirt": "9.0.1", "qemu": "10.0.2"}))]
+    #[case(VIRSH, json!({(fact::LIBVIRT): "9.0.1", (fact::QEMU): "10.0.2"}))]
     #[case(VBOXMANAGE, json!({"virtualbox": "7.0.20r163906"}))]
     #[case("", json!({}))]
     fn versions_are_read_where_they_are_printed(#[case] printed: &str, #[case] versions: Value) {

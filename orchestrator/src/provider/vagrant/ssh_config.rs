@@ -2,7 +2,7 @@
 
 use std::path::PathBuf;
 
-use crate::matrix_file::SshAddress;
+use record::connection::SshAddress;
 
 /// The way into a machine, as its host knows it.
 #[derive(Debug, Clone, PartialEq, Eq)]

@@ -9,7 +9,7 @@ use std::{
 
 use async_trait::async_trait;
 use record::{
-    run_directory::{FORMAT, PlanRecord, Resource, RunDirectory},
+    run_directory::{FORMAT, PlanRecord, Resource, RunDirectory, RunState},
     settings::Settings,
     window::Verdict,
 };
@@ -22,14 +22,43 @@ use crate::{
     journal::Journal,
     observer::{Events, Observer},
     provider::{Availability, Fleet, Leftover},
-    run::{keep::Keep, state::RunState, stop::stop_switch},
+    run::{keep::Keep, stop::stop_switch},
     state_directory::StateDirectory,
 };
 
-/// A platform that refuses to create anything, and may be gone from then on.
-struct Refusing {
-    vanishes: bool,
-    gone: Arc<AtomicBool>,
+type Made = Result<Box<dyn Environment>, ProviderError>;
+
+/// A platform that does as the test says when it is asked for an environment, for the one that there was, and for leftovers.
+struct Scripted {
+    create: Box<dyn Fn() -> Made + Send + Sync>,
+    find: fn() -> Option<Box<dyn Environment>>,
+    leftovers: Box<dyn Fn() -> Result<Vec<Leftover>, ProviderError> + Send + Sync>,
+}
+
+/// One that refuses to create anything, and may be gone from then on.
+fn refusing(vanishes: bool) -> Scripted {
+    let gone = Arc::new(AtomicBool::new(false));
+    let is_gone = Arc::clone(&gone);
+    Scripted {
+        create: Box::new(move || {
+            gone.store(vanishes, Ordering::Relaxed);
+            Err(refusal("creating", "no space left"))
+        }),
+        find: || None,
+        leftovers: Box::new(move || match is_gone.load(Ordering::Relaxed) {
+            true => Err(refusal("listing", "connection reset")),
+            false => Ok(Vec::new()),
+        }),
+    }
+}
+
+/// One whose environments complete a window and give nothing out at first, as a container that somebody removes.
+fn emptied(found: fn() -> Option<Box<dyn Environment>>) -> Scripted {
+    Scripted {
+        create: Box::new(|| Ok(AfterOneWindow::that_is_empty(true))),
+        find: found,
+        leftovers: Box::new(|| Ok(Vec::new())),
+    }
 }
 
 fn refusal(action: &str, cause: &str) -> ProviderError {
@@ -42,9 +71,9 @@ fn refusal(action: &str, cause: &str) -> ProviderError {
 }
 
 #[async_trait]
-impl Provider for Refusing {
+impl Provider for Scripted {
     fn name(&self) -> &'static str {
-        "refusing"
+        "scripted"
     }
 
     async fn survey(&self) -> Availability {
@@ -57,13 +86,12 @@ impl Provider for Refusing {
         Vec::new()
     }
 
-    async fn create(&self, _: &EnvironmentRequest) -> Result<Box<dyn Environment>, ProviderError> {
-        self.gone.store(self.vanishes, Ordering::Relaxed);
-        Err(refusal("creating", "no space left"))
+    async fn create(&self, _: &EnvironmentRequest) -> Made {
+        (self.create)()
     }
 
     async fn find(&self, _: &EnvironmentRequest) -> Result<Option<Box<dyn Environment>>, ProviderError> {
-        Ok(None)
+        Ok((self.find)())
     }
 
     async fn shell(&self, _: &str) -> Result<Program, ProviderError> {
@@ -71,10 +99,7 @@ impl Provider for Refusing {
     }
 
     async fn leftovers(&self) -> Result<Vec<Leftover>, ProviderError> {
-        match self.gone.load(Ordering::Relaxed) {
-            true => Err(refusal("listing", "connection reset")),
-            false => Ok(Vec::new()),
-        }
+        (self.leftovers)()
     }
 
     async fn remove(&self, _: &Leftover) -> Result<(), ProviderError> {
@@ -82,19 +107,15 @@ impl Provider for Refusing {
     }
 }
 
-/// A platform whose environments complete a window and give nothing out at first, as a container that somebody removes.
-struct Emptied {
-    /// Whether what is found of an environment afterwards gives nothing out either.
-    for_good: bool,
-}
-
-struct EmptiedEnvironment {
+/// An environment whose workload completed a window and was killed.
+struct AfterOneWindow {
     lines: VecDeque<Progress>,
+    /// Whether it gives nothing out.
     is_empty: bool,
 }
 
-impl EmptiedEnvironment {
-    fn that_is(is_empty: bool) -> Box<dyn Environment> {
+impl AfterOneWindow {
+    fn that_is_empty(is_empty: bool) -> Box<dyn Environment> {
         let verdict = Verdict::Valid;
         Box::new(Self {
             lines: VecDeque::from([Progress::WindowComplete { window: 1, verdict }]),
@@ -104,44 +125,7 @@ impl EmptiedEnvironment {
 }
 
 #[async_trait]
-impl Provider for Emptied {
-    fn name(&self) -> &'static str {
-        "emptied"
-    }
-
-    async fn survey(&self) -> Availability {
-        Availability::Available {
-            detail: String::new(),
-        }
-    }
-
-    fn resources(&self, _: &EnvironmentRequest) -> Vec<Resource> {
-        Vec::new()
-    }
-
-    async fn create(&self, _: &EnvironmentRequest) -> Result<Box<dyn Environment>, ProviderError> {
-        Ok(EmptiedEnvironment::that_is(true))
-    }
-
-    async fn find(&self, _: &EnvironmentRequest) -> Result<Option<Box<dyn Environment>>, ProviderError> {
-        Ok(Some(EmptiedEnvironment::that_is(self.for_good)))
-    }
-
-    async fn shell(&self, _: &str) -> Result<Program, ProviderError> {
-        Err(refusal("entering", "there is nothing"))
-    }
-
-    async fn leftovers(&self) -> Result<Vec<Leftover>, ProviderError> {
-        Ok(Vec::new())
-    }
-
-    async fn remove(&self, _: &Leftover) -> Result<(), ProviderError> {
-        Ok(())
-    }
-}
-
-#[async_trait]
-impl Environment for EmptiedEnvironment {
+impl Environment for AfterOneWindow {
     fn facts(&self) -> Map<String, Value> {
         Map::new()
     }
@@ -207,7 +191,7 @@ impl Observer for Kept {
 fn scenario() -> PlannedScenario {
     PlannedScenario {
         id: "a".into(),
-        slug: "a-refusing".into(),
+        slug: "a-scripted".into(),
         axes: Map::new(),
         host: Some("here".into()),
         feasible: true,
@@ -227,6 +211,7 @@ async fn events(platform: impl Provider + 'static) -> Vec<Event> {
         format: FORMAT,
         scenarios: vec![scenario()],
         order: vec!["a".into()],
+        later_rounds: Vec::new(),
         measuring_s: 1.0,
     };
     let journal = Journal::open(&directory.journal()).unwrap();
@@ -247,7 +232,11 @@ async fn events(platform: impl Provider + 'static) -> Vec<Event> {
         this_machine: RwLock::default(),
     };
     let mut lease = None;
-    run.scenario(&plan.scenarios[0], &mut lease).await.unwrap();
+    let unit = Unit {
+        planned: &plan.scenarios[0],
+        round: 1,
+    };
+    run.unit(unit, &mut lease).await.unwrap();
     lease.unwrap().give_back().await;
     drop(run);
     kept.iter().collect()
@@ -272,11 +261,7 @@ fn discarded(events: &[Event]) -> bool {
 
 #[tokio::test]
 async fn an_environment_that_could_not_be_created_is_removed() {
-    let events = events(Refusing {
-        vanishes: false,
-        gone: Arc::default(),
-    })
-    .await;
+    let events = events(refusing(false)).await;
     assert!(discarded(&events), "{events:#?}");
     let (reason, hint) = ending(&events);
     assert_eq!(reason, "the engine refused creating: no space left");
@@ -285,11 +270,7 @@ async fn an_environment_that_could_not_be_created_is_removed() {
 
 #[tokio::test]
 async fn when_removing_fails_too_the_first_failure_is_told_first() {
-    let events = events(Refusing {
-        vanishes: true,
-        gone: Arc::default(),
-    })
-    .await;
+    let events = events(refusing(true)).await;
     assert!(
         !discarded(&events),
         "what is left must be found by a resume: {events:#?}"
@@ -305,12 +286,12 @@ async fn when_removing_fails_too_the_first_failure_is_told_first() {
 
 #[tokio::test]
 async fn an_environment_that_does_not_give_out_a_window_it_measured_is_not_removed() {
-    let events = events(Emptied { for_good: true }).await;
+    let events = events(emptied(|| Some(AfterOneWindow::that_is_empty(true)))).await;
     assert!(!discarded(&events), "the window may be in it: {events:#?}");
     let (reason, hint) = ending(&events);
     assert_eq!(
         reason,
-        "windows 1 were measured, and are not in what the environment gave out"
+        "the environment did not give out every measured window; missing: 1"
     );
     assert!(
         hint.contains("`matrix resume`") && hint.contains("`matrix clean`"),
@@ -320,7 +301,7 @@ async fn an_environment_that_does_not_give_out_a_window_it_measured_is_not_remov
 
 #[tokio::test]
 async fn what_is_found_of_an_environment_afterwards_is_asked_for_the_window_once_more() {
-    let events = events(Emptied { for_good: false }).await;
+    let events = events(emptied(|| Some(AfterOneWindow::that_is_empty(false)))).await;
     let broken = |event: &Event| matches!(event, Event::WindowBroken { window: 1, .. });
     assert!(events.iter().any(broken), "{events:#?}");
     assert!(discarded(&events), "{events:#?}");

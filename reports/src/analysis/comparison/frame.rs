@@ -10,12 +10,10 @@ use polars::{
     prelude::{BooleanChunked, ChunkCompareEq, Float64Chunked, StringChunked, UInt32Chunked, UInt64Chunked},
 };
 use record::report_settings::{Method, ReportSettings};
+use statistics::ks::{KsTest, Pool, Procedure, SharedTails};
 
 use super::{Comparison, FrameError, LISTED, Tally, TestResult, WindowValues, pairs_of};
-use crate::{
-    analysis::sample::Sample,
-    statistics::ks::{KsTest, Pool, Procedure, SharedTails},
-};
+use crate::analysis::sample::Sample;
 
 /// Comparisons from which on a piece is whole.
 const PIECE: usize = 1 << 17;

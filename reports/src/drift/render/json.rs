@@ -3,7 +3,9 @@
 use serde::Serialize;
 use serde_json::{Value, json};
 
-use crate::drift::{Acknowledgement, Cause, Drift, Finding, Judgement, Verdict};
+use crate::drift::{
+    Acknowledgement, Cause, Drift, Finding, Judgement, Verdict, contrasts::NightContrastsEntry,
+};
 
 /// Whether what is measured night after night has changed: the output of `matrix drift --json`.
 #[derive(Serialize)]
@@ -20,6 +22,9 @@ pub struct DriftDocument<'a> {
     judgements: Vec<JudgementEntry<'a>>,
     /// What to know before believing the rest.
     remarks: &'a [String],
+    /// The scenarios compared with each other, the night as a block; only with `--between-scenarios`.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub between_scenarios: Option<NightContrastsEntry<'a>>,
 }
 
 /// The judgement of one scenario and metric.
@@ -66,6 +71,9 @@ struct FindingEntry<'a> {
     acknowledged: Option<&'a Acknowledgement>,
     /// Whether the change is smaller than what was declared to matter.
     immaterial: bool,
+    /// The run with which the change was withdrawn, since the nights after `since` are nearer to the level before; null if it was
+    /// not.
+    withdrawn: Option<&'a str>,
 }
 
 /// What else changed.
@@ -102,6 +110,7 @@ impl Drift {
             nights: &self.nights,
             judgements: self.judgements.iter().map(judgement).collect(),
             remarks: &self.remarks,
+            between_scenarios: None,
         }
     }
 
@@ -180,5 +189,6 @@ fn finding(finding: &Finding) -> FindingEntry<'_> {
         },
         acknowledged: finding.acknowledged.as_ref(),
         immaterial: finding.immaterial,
+        withdrawn: finding.withdrawn.as_deref(),
     }
 }

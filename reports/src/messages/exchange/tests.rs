@@ -4,8 +4,8 @@ use std::{collections::BTreeMap, ops::Range};
 
 use etherparse::{PacketBuilder, TcpOptionElement};
 use proptest::prelude::*;
-use workload::{
-    experiment::message::{CommandMessage, StateMessage},
+use simulation::{
+    message::{CommandMessage, StateMessage},
     ros::float64_multi_array::Encoder,
 };
 
@@ -128,8 +128,8 @@ struct Transmission {
 }
 
 /// How the stream is cut into segments and what becomes of each. Segments follow each other by 3 to 8 ms, so that TCP's
-/// clock tells them apart; a lost one is sent again 200 ms later, as many times as it takes; one in a while is sent again
-/// for nothing.
+/// clock tells them apart; a lost one is retransmitted 200 ms later, as many times as it takes; one in a while is
+/// retransmitted for nothing.
 fn transmissions(length: usize) -> impl Strategy<Value = Vec<Transmission>> {
     let fate = (
         1_usize..700,
@@ -331,7 +331,7 @@ fn counts(deliveries: &[Delivery]) -> Vec<(u32, u32, bool)> {
 }
 
 #[test]
-fn a_message_that_another_overtakes_is_reordered_and_was_sent_once() {
+fn a_message_that_arrives_after_a_later_one_is_reordered_and_was_sent_once() {
     let given = three(|course| course[1].arrived_ns = Some(51 * MILLISECOND));
     assert_eq!(counts(&given), [(0, 0, false), (0, 0, true), (0, 0, false)]);
     let in_order: Vec<_> = given
@@ -342,7 +342,7 @@ fn a_message_that_another_overtakes_is_reordered_and_was_sent_once() {
 }
 
 #[test]
-fn a_lost_message_is_sent_again_and_not_reordered() {
+fn a_lost_message_is_retransmitted_and_not_reordered() {
     let given = three(|course| {
         course[1].arrived_ns = None;
         let again = Transmission {

@@ -32,7 +32,7 @@ pub(crate) struct WindowPair<'a> {
     pub(super) choice: &'static str,
 }
 
-/// The pairs that the settings name, or else the controls beside each other and the scenarios that differ in virtualization
+/// The pairs that the settings name, or else the baseline scenarios beside each other and the scenarios that differ in virtualization
 /// alone.
 pub(crate) fn chosen(report: &Report) -> Chosen<'_> {
     let mut chosen = Chosen {
@@ -151,28 +151,32 @@ pub(super) fn of_median_d(report: &Report) -> Option<WindowPair<'_>> {
     })
 }
 
-/// The paper's kinds of pairs, which ran the same experiment and have data: the controls beside each other, then those that
-/// differ in virtualization alone. Where there are none of them, each scenario against each control.
+/// The paper's kinds of pairs, which ran the same experiment and have data: the baseline scenarios beside each other, then those that
+/// differ in virtualization alone. Where there are none of them, each scenario against each baseline scenario.
 fn by_default(report: &Report) -> Vec<(&ScenarioReport, &ScenarioReport)> {
     let scenarios = &report.scenarios;
     let members: Vec<Member<'_>> = scenarios
         .iter()
-        .map(|it| Member::new(&it.id, &it.slug, it.is_control, &it.axes))
+        .map(|it| Member::new(&it.id, &it.slug, it.is_baseline, &it.axes))
         .collect();
     let of = |family: &Family, wanted: fn(&ScenarioReport, &ScenarioReport) -> bool| {
         let pairs = family.pairs(&members).into_iter();
         let pairs = pairs.filter_map(|(a, b)| scenarios.get(a).zip(scenarios.get(b)));
         let pairs = pairs.filter(|(a, b)| {
-            wanted(a, b) && report.tally(&a.id, &b.id).is_some() && report.unlike(&a.id, &b.id).is_empty()
+            wanted(a, b)
+                && report.tally(&a.id, &b.id).is_some()
+                && report.setup_differences(&a.id, &b.id).is_empty()
         });
         pairs.collect::<Vec<_>>()
     };
-    let are_controls = |a: &ScenarioReport, b: &ScenarioReport| a.is_control && b.is_control;
-    let mut pairs = of(&Family::All, are_controls);
-    // Two controls of one platform are among those already.
-    pairs.extend(of(&Family::SamePlatform, |a, b| !(a.is_control && b.is_control)));
+    let both = |a: &ScenarioReport, b: &ScenarioReport| a.is_baseline && b.is_baseline;
+    let mut pairs = of(&Family::All, both);
+    // Two of the baseline on one platform are among those already.
+    pairs.extend(of(&Family::SamePlatform, |a, b| {
+        !(a.is_baseline && b.is_baseline)
+    }));
     if pairs.is_empty() {
-        pairs = of(&Family::AgainstControls, |_, _| true);
+        pairs = of(&Family::AgainstBaseline, |_, _| true);
     }
     pairs
 }

@@ -2,11 +2,15 @@
 
 use std::path::Path;
 
-use record::report_settings::{DrawnPair, ReportSettings};
+use captures::traffic::Traffic;
+use record::{
+    family::Family,
+    report_settings::{DrawnPair, ReportSettings},
+};
 use svg2pdf::usvg::{Group, Node, Rect};
 
 use super::*;
-use crate::{analyse, input::traffic::Traffic, load};
+use crate::{analyse, load};
 
 /// Smallest letters that papers take.
 const SMALLEST_PT: f64 = 7.0;
@@ -26,6 +30,7 @@ fn figures() -> Vec<Figure> {
     // Named, since they no longer run the same experiment.
     let settings = ReportSettings {
         figures: vec![DrawnPair("a/1".parse().unwrap(), "b".parse().unwrap())],
+        family: Family::Pairs(vec![("a".to_owned(), "b".to_owned())]),
         ..run.manifest.report.clone()
     };
     let report = analyse(&run, Traffic::default(), &settings);

@@ -3,18 +3,21 @@
 
 use std::{io::Write, iter};
 
+use captures::{packets::Topic, traffic::PeriodTraffic};
 use polars::{
     df,
     error::PolarsResult,
     frame::DataFrame,
     prelude::{CsvWriter, IntoColumn, NamedFrom, ParquetCompression, ParquetWriter, SerWriter, Series},
 };
+use statistics::{
+    effect::{Effect, Estimate},
+    shape::DISTANCES,
+};
 
 use crate::{
     analysis::{contrast::Contrast, report::Report},
-    input::{packets::Topic, traffic::PeriodTraffic},
     present::frames,
-    statistics::effect::{Effect, Estimate},
 };
 
 /// The rows of a table in order, at least one piece, all with the same columns.
@@ -90,7 +93,7 @@ fn all_contrasts(report: &Report) -> PolarsResult<DataFrame> {
     let low = |of: fn(&Effect) -> &Estimate| column(report, move |c| of(&c.effect).interval.map(|i| i.low));
     let high = |of: fn(&Effect) -> &Estimate| column(report, move |c| of(&c.effect).interval.map(|i| i.high));
     let unlike = |a: &str, b: &str| unlike(report, a, b);
-    df![
+    let mut frame = df![
         "a" => column(report, |c| c.a.as_str()),
         "b" => column(report, |c| c.b.as_str()),
         "n" => column(report, |c| c.n as u64),
@@ -99,10 +102,7 @@ fn all_contrasts(report: &Report) -> PolarsResult<DataFrame> {
         "smallest_p" => column(report, |c| c.level.smallest_p),
         "labellings" => column(report, |c| c.level.labellings),
         "method" => column(report, |c| c.level.coverage.name()),
-        "p_kolmogorov_smirnov" => column(report, |c| c.shape.kolmogorov_smirnov.p),
-        "p_anderson_darling" => column(report, |c| c.shape.anderson_darling.p),
-        "p_energy" => column(report, |c| c.shape.energy.p),
-        "shape_labellings" => column(report, |c| c.shape.energy.labellings),
+        "shape_labellings" => column(report, |c| c.shape.labellings()),
         "p_holm" => column(report, |c| c.p_holm),
         "p_benjamini_yekutieli" => column(report, |c| c.p_benjamini_yekutieli),
         "p_max_t" => column(report, |c| c.p_max_t),
@@ -118,12 +118,24 @@ fn all_contrasts(report: &Report) -> PolarsResult<DataFrame> {
         "superiority" => value(|e| &e.superiority),
         "superiority_low" => low(|e| &e.superiority),
         "superiority_high" => high(|e| &e.superiority),
-    ]
+        "p_shift" => column(report, |c| c.p_shift),
+        "p_shift_holm" => column(report, |c| c.p_shift_holm),
+        "shift_simultaneous_low_m" => column(report, |c| c.simultaneous_m.map(|i| i.low)),
+        "shift_simultaneous_high_m" => column(report, |c| c.simultaneous_m.map(|i| i.high)),
+        "simultaneous_confidence" => column(report, |c| c.simultaneous_m.map(|i| i.confidence)),
+    ]?;
+    // Before the number of their labellings.
+    let first = frame.try_get_column_index("shape_labellings")?;
+    for (nth, distance) in DISTANCES.iter().enumerate() {
+        let p: Vec<Option<f64>> = column(report, |c| c.shape.each().nth(nth).map(|(_, test)| test.p));
+        frame.insert_column(first + nth, Series::new(distance.column.into(), p).into_column())?;
+    }
+    Ok(frame)
 }
 
 /// What is not the same of the experiments of two scenarios; none if they ran the same.
 fn unlike(report: &Report, a: &str, b: &str) -> Option<String> {
-    let fields = report.unlike(a, b);
+    let fields = report.setup_differences(a, b);
     (!fields.is_empty()).then(|| fields.join(" "))
 }
 
@@ -181,11 +193,11 @@ fn all_packets(report: &Report) -> PolarsResult<DataFrame> {
         "period" => column(&rows, |row| row.period),
         "topic" => column(&rows, |row| row.topic.name()),
         "sent" => column(&rows, |row| row.packets.sent),
-        "sent_again" => column(&rows, |row| row.packets.sent_again),
+        "retransmitted" => column(&rows, |row| row.packets.retransmitted),
         "lost" => column(&rows, |row| row.packets.lost),
-        "overtaken" => column(&rows, |row| row.packets.overtaken),
+        "reordered" => column(&rows, |row| row.packets.reordered),
         "one_way_s" => column(&rows, |row| row.packets.one_way_s),
-        "round_trip_s" => column(&rows, |row| row.packets.round_trip_s),
+        "rtt_s" => column(&rows, |row| row.packets.rtt_s),
         "jitter_s" => column(&rows, |row| row.packets.jitter_s),
         "longest_gap_s" => column(&rows, |row| row.packets.longest_gap_s),
     ]

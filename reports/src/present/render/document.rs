@@ -2,6 +2,7 @@
 //! Schema that `matrix schema report` prints. The main type is [`ReportDocument`]; `json` fills it.
 
 pub(super) mod packets;
+pub(super) mod replicates;
 
 use std::collections::BTreeMap;
 
@@ -14,8 +15,12 @@ use record::{
 };
 use serde::{Serialize, Serializer};
 use serde_json::{Map, Value};
+use statistics::shape::ShapeTests;
 
-use self::packets::{PacketCount, PacketExplanation, ScenarioPackets};
+use self::{
+    packets::{PacketCount, PacketExplanation, ScenarioPackets},
+    replicates::ReplicatesEntry,
+};
 use crate::analysis::{comparison::Comparison, conclusion::Stratum, report::Report};
 
 /// What a run showed: `report.json` of a run directory, and the output of `matrix report --json`.
@@ -43,7 +48,7 @@ pub struct ReportDocument<'a> {
     pub discard_periods: u32,
     /// What is done about a window that warms up for longer than that.
     pub warm_up: WarmUp,
-    /// The experimental controls, by axis values.
+    /// The baseline: the scenarios that the others are compared with, by axis values.
     pub control: &'a BTreeMap<String, String>,
     /// What to know before believing the rest.
     pub remarks: &'a [String],
@@ -63,6 +68,10 @@ pub struct ReportDocument<'a> {
     pub family: FamilyEntry<'a>,
     /// Every pair of the family with data, with the window as the unit.
     pub contrasts: Vec<ContrastEntry<'a>>,
+    /// The same pairs with the environment as the unit, and what adds to the variance; only of runs with several environments a
+    /// scenario.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub replicates: Option<ReplicatesEntry<'a>>,
     /// Every two virtualizations over all platforms, and every two operating systems, as a stratified test.
     pub conclusions: Vec<ConclusionEntry<'a>>,
     /// What became of the packets, for each scenario with captures.
@@ -116,7 +125,7 @@ pub struct ScenarioEntry<'a> {
     pub slug: &'a str,
     /// Axis to value.
     pub axes: &'a Map<String, Value>,
-    /// Whether it is an experimental control.
+    /// Whether it belongs to the baseline.
     pub is_control: bool,
     /// Which rules plant, controller and messages followed.
     pub dynamics: Dynamics,
@@ -317,21 +326,37 @@ pub struct FamilyEntry<'a> {
     pub pairs: usize,
     /// Letters of the pairs without data.
     pub without_data: &'a [(String, String)],
-    /// The smallest shift of the error that matters, in metres; null if none was declared.
+    /// The equivalence margin: the smallest shift of the error that matters, in metres; null if none was declared.
     pub matters_m: Option<f64>,
     /// Seed of the relabellings and resamples that are drawn.
     pub seed: u64,
-    /// The relabellings of the whole family; null without a pair.
+    /// The dealings of the whole family; null without a pair.
     pub max_t: Option<MaxTEntry>,
+    /// The confidence of each pair's simultaneous interval, 0 to 1: all hold together with 1 − alpha.
+    pub simultaneous_confidence: f64,
+    /// How the windows of a scenario depend on the windows before and after them; null where no scenario has three.
+    pub serial: Option<SerialEntry>,
 }
 
-/// The relabellings of a whole family.
+/// Whether successive windows are alike, over all scenarios.
+#[derive(Serialize)]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
+pub struct SerialEntry {
+    /// Correlation of a window's level with the next one's, less what independent windows have on the mean.
+    pub lag_one: f64,
+    /// The share of orders of the windows with as large a correlation.
+    pub p: f64,
+    /// Windows that were looked at.
+    pub windows: usize,
+}
+
+/// The dealings of a whole family: each scenario's windows around their mean, dealt anew over all of them.
 #[derive(Serialize)]
 #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 pub struct MaxTEntry {
-    /// Labellings examined, the observed one included.
+    /// Dealings examined, the observed one included.
     pub labellings: u64,
-    /// `exact`, or `monte-carlo` if they were drawn.
+    /// `monte-carlo`: they are drawn.
     pub method: &'static str,
     /// The smallest p that a pair can have.
     pub smallest_p: f64,
@@ -357,13 +382,10 @@ pub struct ContrastEntry<'a> {
     pub labellings: u64,
     /// `exact`, or `monte-carlo` if labellings were drawn.
     pub method: &'static str,
-    /// p-value of the permutation test of the Kolmogorov-Smirnov distance.
-    pub p_kolmogorov_smirnov: f64,
-    /// The same of the Anderson-Darling statistic.
-    pub p_anderson_darling: f64,
-    /// The same of the energy distance.
-    pub p_energy: f64,
-    /// Labellings examined for these three.
+    /// A p-value for each distance of whole distributions.
+    #[serde(flatten)]
+    pub shape: ShapeEntry<'a>,
+    /// Labellings examined for each of these.
     pub shape_labellings: u64,
     /// The count of rejected window pairs with blocks in place of values; null if there are too many pairs.
     pub blocks: Option<BlocksEntry>,
@@ -371,9 +393,17 @@ pub struct ContrastEntry<'a> {
     pub p_holm: f64,
     /// `p` adjusted by Benjamini and Yekutieli's method.
     pub p_benjamini_yekutieli: f64,
-    /// `p` adjusted by the largest statistic of the family.
+    /// The levels' differences adjusted by the largest of the family, step by step.
     pub p_max_t: f64,
-    /// `cannot tell`, `not told apart`, `immaterial`, `differ`, `differ, matters` or `differ, size open`.
+    /// p-value of equal mean levels, whatever the spreads: the larger one of the studentised permutation test's and Welch's; null
+    /// with a single window.
+    pub p_shift: Option<f64>,
+    /// `p_shift` adjusted by Holm's method.
+    pub p_shift_holm: Option<f64>,
+    /// An interval of the shift of the mean level in metres that holds for all pairs of the family at once; null where so few windows
+    /// cannot have it.
+    pub simultaneous_m: Option<IntervalEntry>,
+    /// `cannot tell`, `not told apart`, `immaterial`, `differ`, `differ, matters`, `differ, size open` or `differ, level open`.
     pub verdict: &'static str,
     /// What of the two experiments is not the same; empty if they ran the same.
     pub unlike: &'a [String],
@@ -383,7 +413,40 @@ pub struct ContrastEntry<'a> {
     pub differences: Vec<DifferenceEntry>,
 }
 
-/// The count of rejected window pairs, with blocks of neighbouring values dealt at random.
+/// A field for each row of [`shape::DISTANCES`](statistics::shape::DISTANCES): the p-value of its permutation test.
+pub struct ShapeEntry<'a>(pub &'a ShapeTests);
+
+impl Serialize for ShapeEntry<'_> {
+    fn serialize<S: Serializer>(&self, serializer: S) -> Result<S::Ok, S::Error> {
+        serializer.collect_map(self.0.each().map(|(distance, test)| (distance.column, test.p)))
+    }
+}
+
+#[cfg(feature = "schema")]
+impl schemars::JsonSchema for ShapeEntry<'_> {
+    fn inline_schema() -> bool {
+        true
+    }
+
+    fn schema_name() -> std::borrow::Cow<'static, str> {
+        "ShapeEntry".into()
+    }
+
+    fn json_schema(_: &mut schemars::SchemaGenerator) -> schemars::Schema {
+        use statistics::shape::{DISTANCES, Distance};
+        let field = |distance: &Distance| {
+            let description = format!("p-value of the permutation test of {}.", distance.name);
+            let schema =
+                schemars::json_schema!({"description": description, "type": "number", "format": "double"});
+            (distance.column.to_owned(), schema.to_value())
+        };
+        let fields: Map<String, Value> = DISTANCES.iter().map(field).collect();
+        let required: Vec<&str> = DISTANCES.iter().map(|distance| distance.column).collect();
+        schemars::json_schema!({"type": "object", "properties": fields, "required": required})
+    }
+}
+
+/// The count of rejected window pairs, with blocks of neighbouring values permuted.
 #[derive(Serialize)]
 #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 pub struct BlocksEntry {
@@ -421,6 +484,18 @@ pub struct EstimateEntry {
     pub high: Option<f64>,
     /// The confidence of the interval, 0 to 1; null with too few windows.
     pub confidence: Option<f64>,
+}
+
+/// An interval.
+#[derive(Serialize)]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
+pub struct IntervalEntry {
+    /// Its lower end.
+    pub low: f64,
+    /// Its upper end.
+    pub high: f64,
+    /// Its confidence, 0 to 1.
+    pub confidence: f64,
 }
 
 /// What differs between two environments.
@@ -520,7 +595,7 @@ impl<'a> ComparisonEntry<'a> {
             log10_p: test.log10_p,
             method: test.method,
             rejected: comparison.rejected,
-            unlike: report.unlike(comparison.a, comparison.b),
+            unlike: report.setup_differences(comparison.a, comparison.b),
         }
     }
 }

@@ -2,7 +2,7 @@
 //! phone and on paper. The main function is [`render`].
 //!
 //! ```text
-//! verdict -> remarks -> matrix -> heatmap -> tables -> pairs -> windows -> trajectories -> experiment -> packets -> environments -> methods
+//! verdict -> remarks -> shifts -> matrix -> heatmap -> tables -> pairs -> windows -> trajectories -> experiment -> packets -> environments -> methods
 //! ```
 //!
 //! Colours are named in `style.css`, so that drawings follow light and dark; nothing is said by colour alone. What a browser
@@ -15,7 +15,10 @@ mod plot;
 mod windows;
 
 use maud::{DOCTYPE, Markup, PreEscaped, html};
-use record::run_directory::EnvironmentRecord;
+use record::{
+    field,
+    run_directory::{EnvironmentRecord, RecordedPlatform},
+};
 
 use crate::{
     analysis::report::Report,
@@ -55,11 +58,12 @@ pub(super) fn render(presented: &Presentation<'_>, figures: &[Figure]) -> String
                 }
                 (contents())
                 main {
+                    (section("shifts", "How large the differences are", &drawings(figures, &[Kind::Forest], "No pair of scenarios has data.")))
                     (section("matrix", "The matrix", &matrix::draw(report)))
                     (section("heatmap", "Every comparison", &heatmap::draw(report)))
                     section #tables {
                         h2 { "Tables" }
-                        @for (number, table) in presented.tables.iter().enumerate() { (drawn(table, number)) }
+                        @for table in &presented.tables { (drawn(table)) }
                     }
                     (section("pairs", "Pairs", &pairs(figures)))
                     (section("windows", "Windows", &windows::draw(report)))
@@ -76,7 +80,8 @@ pub(super) fn render(presented: &Presentation<'_>, figures: &[Figure]) -> String
     page.into_string()
 }
 
-const SECTIONS: [(&str, &str); 10] = [
+const SECTIONS: [(&str, &str); 11] = [
+    ("shifts", "Effects"),
     ("matrix", "Matrix"),
     ("heatmap", "Comparisons"),
     ("tables", "Tables"),
@@ -102,8 +107,9 @@ fn section(id: &str, title: &str, content: &Markup) -> Markup {
 }
 
 /// A table with its notes. Its columns can be sorted where there is JavaScript.
-fn drawn(table: &Table, number: usize) -> Markup {
-    let id = format!("table-{number}");
+fn drawn(table: &Table) -> Markup {
+    // With a prefix, because sections of the page have ids such as `packets`.
+    let id = format!("table-{}", table.id);
     html! {
         h3 id=(id) { (table.title) }
         @if !table.rows.is_empty() {
@@ -191,15 +197,22 @@ fn environments(report: &Report) -> Markup {
 
 /// What an environment was, field by field, by its dotted path.
 fn facts(environment: &EnvironmentRecord) -> Vec<(String, String)> {
+    const PLATFORM: &str = field!(EnvironmentRecord, platform);
     let mut facts = vec![
-        ("provider".to_owned(), environment.provider.clone()),
-        ("host".to_owned(), environment.host.clone()),
+        (
+            field!(EnvironmentRecord, provider).to_owned(),
+            environment.provider.clone(),
+        ),
+        (
+            field!(EnvironmentRecord, host).to_owned(),
+            environment.host.clone(),
+        ),
     ];
     for (name, value) in &environment.facts {
         flatten(name, value, &mut facts);
     }
-    if let Some(platform) = &environment.platform {
-        flatten("platform", platform, &mut facts);
+    for (name, value) in environment.platform.iter().flat_map(RecordedPlatform::fields) {
+        flatten(&format!("{PLATFORM}.{name}"), value, &mut facts);
     }
     facts
 }
@@ -212,7 +225,7 @@ fn flatten(path: &str, value: &serde_json::Value, facts: &mut Vec<(String, Strin
                 flatten(&format!("{path}.{name}"), field, facts);
             }
         }
-        other => facts.push((path.to_owned(), record::axis::text_of(other))),
+        other => facts.push((path.to_owned(), record::axis::axis_text(other))),
     }
 }
 

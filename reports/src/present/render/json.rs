@@ -1,14 +1,19 @@
-//! JSON: fills the types of `document`, the shape that others build on. Fields are added there, never renamed or taken away.
+//! JSON: fills the types of `document`, the shape that others build on. Fields are added there;
+//! CHANGELOG.md lists any field that is renamed or taken away.
+
+use captures::traffic::{DirectionTraffic, ScenarioTraffic, Spread};
+use statistics::effect::{Effect, Estimate};
 
 use super::document::{
     BlocksEntry, BrokenEntry, ComparisonList, ConclusionEntry, ContrastEntry, CountBetween, CountWithin,
-    CutWindow, DifferenceEntry, EffectEntry, EstimateEntry, FamilyEntry, HealthEntry, MaxTEntry,
-    ReportDocument, RunEntry, ScenarioEntry, UnlikePair, Unmeasured, UnseenEntry, UnsteadyWindow,
-    WindowEntry, WithinEntry,
+    CutWindow, DifferenceEntry, EffectEntry, EstimateEntry, FamilyEntry, HealthEntry, IntervalEntry,
+    MaxTEntry, ReportDocument, RunEntry, ScenarioEntry, SerialEntry, ShapeEntry, UnlikePair, Unmeasured,
+    UnseenEntry, UnsteadyWindow, WindowEntry, WithinEntry,
     packets::{
         DirectionPackets, FactorEntry, PacketCount, PacketExplanation, ScenarioPackets, SpreadEntry,
         UnreadableCapture, WindowPackets,
     },
+    replicates::ReplicatesEntry,
 };
 use crate::{
     analysis::{
@@ -21,12 +26,8 @@ use crate::{
         scenario::{ScenarioReport, Standing},
         within::WithinWindows,
     },
-    input::{
-        run::RunPart,
-        traffic::{DirectionTraffic, ScenarioTraffic, Spread},
-    },
+    input::run::RunPart,
     present::Presentation,
-    statistics::effect::{Effect, Estimate},
 };
 
 pub(super) fn document<'a>(page: &'a Presentation<'a>) -> ReportDocument<'a> {
@@ -52,7 +53,7 @@ pub(super) fn document<'a>(page: &'a Presentation<'a>) -> ReportDocument<'a> {
         error: settings.error,
         discard_periods: settings.discard_periods,
         warm_up: settings.warm_up,
-        control: &settings.control,
+        control: &settings.baseline,
         remarks: &page.remarks,
         scenarios: report.scenarios.iter().map(scenario).collect(),
         infeasible: of(Standing::Infeasible),
@@ -72,11 +73,11 @@ pub(super) fn document<'a>(page: &'a Presentation<'a>) -> ReportDocument<'a> {
                 b: &tally.b,
                 pairs: tally.pairs,
                 rejected: tally.rejected,
-                unlike: report.unlike(&tally.a, &tally.b),
+                unlike: report.setup_differences(&tally.a, &tally.b),
             })
             .collect(),
         unlike: report
-            .unlike
+            .setup_differences
             .iter()
             .map(|unlike| UnlikePair {
                 a: &unlike.a,
@@ -91,6 +92,7 @@ pub(super) fn document<'a>(page: &'a Presentation<'a>) -> ReportDocument<'a> {
             .iter()
             .map(|pair| contrast(report, pair))
             .collect(),
+        replicates: report.replicates.as_ref().map(ReplicatesEntry::of),
         conclusions: report.conclusions.iter().map(conclusion).collect(),
         packets: report.traffic.scenarios.iter().map(packets).collect(),
         packet_counts: report.traffic_tallies.iter().flat_map(packet_counts).collect(),
@@ -126,7 +128,7 @@ fn scenario(scenario: &ScenarioReport) -> ScenarioEntry<'_> {
         id: &scenario.id,
         slug: &scenario.slug,
         axes: &scenario.axes,
-        is_control: scenario.is_control,
+        is_control: scenario.is_baseline,
         dynamics: scenario.dynamics,
         overridden: &scenario.overridden,
         simulated: scenario.is_simulated,
@@ -199,12 +201,21 @@ fn family(report: &Report) -> FamilyEntry<'_> {
         declared: &contrasts.family,
         pairs: contrasts.pairs.len(),
         without_data: &contrasts.without_data,
-        matters_m: report.settings.matters.map(record::quantity::Length::metres),
+        matters_m: report
+            .settings
+            .equivalence_margin
+            .map(record::quantity::Length::metres),
         seed: report.settings.seed,
         max_t: contrasts.max_t.as_ref().map(|max_t| MaxTEntry {
             labellings: max_t.labellings,
             method: max_t.coverage.name(),
             smallest_p: max_t.smallest_p,
+        }),
+        simultaneous_confidence: contrasts.simultaneous_confidence(&report.settings),
+        serial: contrasts.serial.map(|serial| SerialEntry {
+            lag_one: serial.lag_one,
+            p: serial.p,
+            windows: serial.windows,
         }),
     }
 }
@@ -225,10 +236,8 @@ fn contrast<'a>(report: &'a Report, pair: &'a Contrast) -> ContrastEntry<'a> {
         smallest_p: pair.level.smallest_p,
         labellings: pair.level.labellings,
         method: pair.level.coverage.name(),
-        p_kolmogorov_smirnov: pair.shape.kolmogorov_smirnov.p,
-        p_anderson_darling: pair.shape.anderson_darling.p,
-        p_energy: pair.shape.energy.p,
-        shape_labellings: pair.shape.energy.labellings,
+        shape: ShapeEntry(&pair.shape),
+        shape_labellings: pair.shape.labellings(),
         blocks: pair.blocks.map(|blocks| BlocksEntry {
             block: blocks.block,
             pairs: blocks.pairs,
@@ -238,8 +247,15 @@ fn contrast<'a>(report: &'a Report, pair: &'a Contrast) -> ContrastEntry<'a> {
         p_holm: pair.p_holm,
         p_benjamini_yekutieli: pair.p_benjamini_yekutieli,
         p_max_t: pair.p_max_t,
+        p_shift: pair.p_shift,
+        p_shift_holm: pair.p_shift_holm,
+        simultaneous_m: pair.simultaneous_m.map(|interval| IntervalEntry {
+            low: interval.low,
+            high: interval.high,
+            confidence: interval.confidence,
+        }),
         verdict: pair.verdict.name(),
-        unlike: report.unlike(&pair.a, &pair.b),
+        unlike: report.setup_differences(&pair.a, &pair.b),
         effect: effect(&pair.effect),
         differences: differences.collect(),
     }
@@ -300,12 +316,12 @@ fn direction(direction: &DirectionTraffic) -> DirectionPackets {
     DirectionPackets {
         topic: direction.topic.name(),
         sent: direction.total(|period| period.sent),
-        sent_again: direction.total(|period| period.sent_again),
+        retransmitted: direction.total(|period| period.retransmitted),
         lost: direction.total(|period| period.lost),
-        overtaken: direction.total(|period| period.overtaken),
+        reordered: direction.total(|period| period.reordered),
         strays: direction.strays,
         one_way: direction.one_way.as_ref().map(spread),
-        round_trip: direction.round_trip.as_ref().map(spread),
+        rtt: direction.rtt.as_ref().map(spread),
         jitter: direction.jitter.as_ref().map(spread),
         gap: direction.gap.as_ref().map(spread),
     }

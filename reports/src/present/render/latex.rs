@@ -25,7 +25,7 @@ const ROWS_A_PAGE: usize = 36;
 /// One table of a report as LaTeX, with nothing around it.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct LatexTable {
-    /// What its file is called, such as `rejections-within-each-scenario`; its label is `tab:` and this.
+    /// What its file is called: the table's id, such as `rejections-within-each-scenario`. Its label is `tab:` and this.
     pub name: String,
     /// The floats.
     pub text: String,
@@ -44,20 +44,13 @@ impl LatexTable {
 
 /// Every table of the report.
 pub(super) fn tables(page: &Presentation<'_>) -> Vec<LatexTable> {
-    let mut tables: Vec<LatexTable> = Vec::new();
-    for table in &page.tables {
-        let mut name = slug(without_number(&table.title));
-        let like_it = tables
-            .iter()
-            .filter(|other| other.name.starts_with(&name))
-            .count();
-        if like_it > 0 {
-            name.push_str(&format!("-{}", like_it + 1));
-        }
-        let text = floats(page.report, table, &name);
-        tables.push(LatexTable { name, text });
-    }
-    tables
+    page.tables
+        .iter()
+        .map(|table| LatexTable {
+            name: table.id.clone(),
+            text: floats(page.report, table),
+        })
+        .collect()
 }
 
 pub(super) fn render(page: &Presentation<'_>) -> String {
@@ -105,7 +98,7 @@ pub(super) fn render(page: &Presentation<'_>) -> String {
 }
 
 /// A float for as many rows as a page holds; the first has the label, the last the notes.
-fn floats(report: &Report, table: &Table, name: &str) -> String {
+fn floats(report: &Report, table: &Table) -> String {
     let alignment: String = table
         .columns
         .iter()
@@ -126,7 +119,7 @@ fn floats(report: &Report, table: &Table, name: &str) -> String {
     for (part, rows) in parts.iter().enumerate() {
         text.push_str("\\begin{table}[htbp]\n\\centering\n");
         text.push_str(&match part {
-            0 => format!("\\caption[{title}]{{{caption}}}\n\\label{{tab:{name}}}\n"),
+            0 => format!("\\caption[{title}]{{{caption}}}\n\\label{{tab:{}}}\n", table.id),
             _ => format!("\\caption[]{{{title}, continued.}}\n"),
         });
         if !rows.is_empty() {
@@ -161,16 +154,6 @@ fn without_number(title: &str) -> &str {
         Some((number, rest)) if number.starts_with("Table ") => rest,
         _ => title,
     }
-}
-
-/// Letters, digits and hyphens: a name that a file, a label and LaTeX take.
-fn slug(title: &str) -> String {
-    let words = title.split(|character: char| !character.is_ascii_alphanumeric());
-    let words: Vec<String> = words
-        .filter(|word| !word.is_empty())
-        .map(str::to_ascii_lowercase)
-        .collect();
-    words.join("-")
 }
 
 fn line<'a>(cells: impl Iterator<Item = &'a str>) -> String {
@@ -322,14 +305,6 @@ mod tests {
         assert_eq!(
             prose("see `report.figures_of`."),
             "see \\texttt{report.\\allowbreak{}figures\\_of}."
-        );
-    }
-
-    #[test]
-    fn a_tables_file_is_called_as_its_title_is() {
-        assert_eq!(
-            slug(without_number("Table V (a). Rejections of a (continued)")),
-            "rejections-of-a-continued"
         );
     }
 }

@@ -5,7 +5,7 @@ use record::run_directory::EnvironmentRecord;
 
 use crate::{
     analysis::{report::Report, scenario::ScenarioReport},
-    present::{Presentation, table::Table},
+    present::{Presentation, forest::Forest, table::Table},
 };
 
 const WIDTH: usize = 80;
@@ -24,6 +24,21 @@ pub(super) fn render(page: &Presentation<'_>) -> String {
         .collect();
     block(&mut text, &origins.join("\n"));
     block(&mut text, &wrapped(&plain(&report.method()), "", ""));
+    if let Some(forest) = Forest::of(report) {
+        block(&mut text, "## The shifts of all pairs (mm)");
+        block(&mut text, &format!("```text\n{}\n```", forest.text(WIDTH)));
+        block(
+            &mut text,
+            &wrapped(
+                &plain(&format!(
+                    "{} Here: `=` each pair by itself, `-` all at once, `o` the shift, `|` none, `:` the margin.",
+                    forest.caption()
+                )),
+                "",
+                "",
+            ),
+        );
+    }
     for table in &page.tables {
         render_table(&mut text, table);
     }

@@ -1,4 +1,5 @@
-//! Table V: every scenario that is no control against each control, virtualization by operating system.
+//! Table V: every other scenario against each baseline scenario, virtualization by operating system. The paper calls a
+//! baseline scenario a control, and its Tables IV and V do so here, too.
 //!
 //! The paper's Table II has Ubuntu twice, and its Table V once: "Ubuntu, VirtualBox" can be its scenario c or i. Here a column is
 //! the platform of its operating system on which the most virtualizations can run, which makes it i, as in Table IV, where
@@ -12,11 +13,14 @@ use polars::{
     prelude::{BooleanChunked, IntoColumn, NamedFrom, Series},
 };
 
-use super::{Column, NO_DATA, Table, marked, no_control, no_data_note, short_platforms, texts, unlike_note};
+use super::{Column, NO_DATA, Table, marked, no_baseline, no_data_note, short_platforms, texts, unlike_note};
 use crate::{
     analysis::{comparison::sums, report::Report, scenario::ScenarioReport},
     present::frames::{self, pivot, truths},
 };
+
+/// What the ids of all these tables begin with.
+pub(super) const IDS: &str = "rejections-against-";
 
 /// Platforms that fit beside each other in a table of 80 columns.
 const PLATFORMS_A_TABLE: usize = 4;
@@ -26,9 +30,10 @@ const CONTROLS_APART: usize = 4;
 /// The tables: one for each control, in several parts if there are many platforms.
 pub(super) fn of(report: &Report, counts: &DataFrame) -> PolarsResult<Vec<Table>> {
     let frame = with_cells(&control_first(counts)?)?;
-    let controls: Vec<&ScenarioReport> = report.controls().filter(|it| it.can_run()).collect();
+    let controls: Vec<&ScenarioReport> = report.baseline().filter(|it| it.can_run()).collect();
     if frame.height() == 0 || controls.is_empty() {
         return Ok(vec![Table {
+            id: format!("{IDS}the-control"),
             title: "Table V. Rejections against the control".to_owned(),
             columns: Vec::new(),
             rows: Vec::new(),
@@ -49,6 +54,7 @@ pub(super) fn of(report: &Report, counts: &DataFrame) -> PolarsResult<Vec<Table>
         for (part, platforms) in platforms.chunks(PLATFORMS_A_TABLE).enumerate() {
             let mut table = table(&of_control, platforms, &names)?;
             let number = char::from(b'a' + nth as u8);
+            table.id = id(nth, &control.id, part);
             table.title = format!(
                 "Table V ({number}). Rejections against control {}, {}",
                 nth + 1,
@@ -69,6 +75,16 @@ pub(super) fn of(report: &Report, counts: &DataFrame) -> PolarsResult<Vec<Table>
         last.notes.extend(notes(report, &others, &controls)?);
     }
     Ok(tables)
+}
+
+/// The id of a control's table; `part` counts the tables that its platforms are divided into, from 0.
+fn id(nth: usize, control: &str, part: usize) -> String {
+    let id = format!("{IDS}control-{}-{control}", nth + 1);
+    match part {
+        0 => id,
+        1 => format!("{id}-continued"),
+        more => format!("{id}-continued-{more}"),
+    }
 }
 
 /// The counts of a control and another scenario, the control as `a`.
@@ -174,6 +190,7 @@ fn table(counts: &DataFrame, platforms: &[String], names: &BTreeMap<String, Stri
         cells.map(|cell| cell.unwrap_or_else(|| "–".to_owned())).collect()
     };
     Ok(Table {
+        id: String::new(),
         title: String::new(),
         columns,
         rows: (0..cells.height()).map(row).collect(),
@@ -236,9 +253,9 @@ fn notes(report: &Report, others: &DataFrame, controls: &[&ScenarioReport]) -> P
 
 fn missing(report: &Report, controls: &[&ScenarioReport]) -> Vec<String> {
     match controls {
-        [] => vec![format!("Nothing to compare with: {}.", no_control(report))],
+        [] => vec![format!("Nothing to compare with: {}.", no_baseline(report))],
         _ => vec![
-            "Every scenario that can run is a control: add another value to the axis `virtualization`."
+            "Every scenario that can run belongs to the baseline: add another value to the axis `virtualization`."
                 .to_owned(),
         ],
     }

@@ -1,18 +1,16 @@
 //! The paper's two conclusions: virtualizations over all platforms, and operating systems over all virtualizations.
 
 use record::axis::VIRTUALIZATION;
+use statistics::relabelling::Coverage;
 
 use super::{
     Table,
     contrasts::{estimate, p, signed},
     texts,
 };
-use crate::{
-    analysis::{
-        conclusion::{Conclusion, Stratum},
-        report::Report,
-    },
-    statistics::relabelling::Coverage,
+use crate::analysis::{
+    conclusion::{Conclusion, Stratum},
+    report::Report,
 };
 
 /// The table; none where no two values have windows in a stratum in common.
@@ -30,6 +28,7 @@ pub(super) fn of(report: &Report) -> Option<Table> {
         ]
     };
     (!conclusions.is_empty()).then(|| Table {
+        id: "conclusions".to_owned(),
         title: "By virtualization, and by operating system".to_owned(),
         columns: texts(&[
             ("", false),
@@ -47,7 +46,7 @@ pub(super) fn of(report: &Report) -> Option<Table> {
 fn notes(report: &Report) -> Vec<String> {
     let mut notes = vec![
         "Hypothesis: within a stratum it makes no difference which of the two a window was measured under. The windows of each \
-         stratum are dealt anew to the two, and p is the share of the labellings whose weighted mean shift is at least as large, \
+         stratum are permuted between the two, and p is the share of the labellings whose weighted mean shift is at least as large, \
          up or down. Shift: of the second against the first, mean over the strata of the differences of their window means, \
          with all shifts that the test does not reject at 0.05; no interval where so few windows reject none. Holm: for the \
          rows of this table."

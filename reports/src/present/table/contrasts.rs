@@ -1,13 +1,15 @@
 //! The pairs of the declared family with the window as the unit: the test of the windows' levels, the adjusted p-values,
 //! and how large the differences are.
 
+use statistics::{block_permutation::DRAWS, effect::Estimate, relabelling::Coverage, shape::DISTANCES};
+
 use super::{Table, no_data_note, texts};
 use crate::{
     analysis::{
         contrast::{Contrast, Contrasts},
         report::Report,
     },
-    statistics::{block_permutation::DRAWS, effect::Estimate, relabelling::Coverage},
+    present::forest::percent,
 };
 
 /// The tables.
@@ -17,7 +19,7 @@ pub(super) fn of(report: &Report) -> Vec<Table> {
     tables
 }
 
-/// The paper's counts beside those with blocks dealt anew.
+/// The paper's counts beside those with blocks permuted.
 fn blocks(report: &Report) -> Option<Table> {
     let row = |pair: &Contrast| {
         let tally = report.tally(&pair.a, &pair.b)?;
@@ -36,6 +38,7 @@ fn blocks(report: &Report) -> Option<Table> {
     };
     let rows: Vec<Vec<String>> = report.contrasts.pairs.iter().filter_map(row).collect();
     (!rows.is_empty()).then(|| Table {
+        id: "counts-by-blocks".to_owned(),
         title: "The counts with blocks in place of values".to_owned(),
         columns: texts(&[
             ("", false),
@@ -47,8 +50,8 @@ fn blocks(report: &Report) -> Option<Table> {
         ]),
         rows,
         notes: vec![format!(
-            "Rejected: window pairs as in Tables IV and V. By blocks: the same distance, its p by dealing blocks of so many \
-             neighbouring periods anew (twice the autocorrelation time), {DRAWS} draws; of the pairs with blocks enough for \
+            "Rejected: window pairs as in Tables IV and V. By blocks: the same distance, its p by permuting blocks of so \
+             many neighbouring periods (twice the autocorrelation time), {DRAWS} draws; of the pairs with blocks enough for \
              a p below {}, and \"cannot\" where none has. What shifts a window as a whole is still taken for a difference.",
             report.settings.alpha
         )],
@@ -58,27 +61,27 @@ fn blocks(report: &Report) -> Option<Table> {
 fn windows(report: &Report) -> Table {
     let contrasts = &report.contrasts;
     let row = |pair: &Contrast| {
-        vec![
-            format!("{} : {}", pair.n, pair.m),
-            p(pair.level.p),
-            p(pair.shape.kolmogorov_smirnov.p),
-            p(pair.shape.anderson_darling.p),
-            p(pair.shape.energy.p),
-            p(pair.level.smallest_p),
-        ]
+        let mut cells = vec![format!("{} : {}", pair.n, pair.m), p(pair.level.p)];
+        cells.extend(pair.shape.each().map(|(_, test)| p(test.p)));
+        cells.push(p(pair.level.smallest_p));
+        cells
     };
-    let mut notes = vec![
-        "p-values: the windows are dealt anew to the two scenarios, and p is the share of the labellings that are at least \
-         as far apart as the measured one: in the mean of the window means (level), and in the distributions of all values \
-         by the distances of Kolmogorov and Smirnov (KS), Anderson and Darling (A-D) and the energy distance, which see \
-         spread and tails too. Windows are taken for independent, values within them are not. Smallest: the level's p of \
-         the most extreme labelling; none below it can be found, however large the difference."
-            .to_owned(),
-    ];
+    let distances: Vec<String> = DISTANCES
+        .iter()
+        .map(|distance| format!("{} ({})", distance.name, distance.heading))
+        .collect();
+    let mut notes = vec![format!(
+        "p-values: the windows are permuted between the two scenarios, and p is the share of the labellings that are at \
+         least as far apart as the measured one: in the mean of the window means (level), and in the distributions of all \
+         values by measures that see spread and tails too: {}. Windows are taken for independent, values within them are \
+         not. Smallest: the level's p of the most extreme labelling; no smaller p can be found, however large the \
+         difference.",
+        distances.join(", ")
+    )];
     if contrasts
         .pairs
         .iter()
-        .any(|pair| pair.shape.energy.coverage == Coverage::MonteCarlo)
+        .any(|pair| pair.shape.coverage() == Coverage::MonteCarlo)
     {
         notes.push(format!(
             "Where there are too many labellings, some were drawn (monte-carlo, seed {}), and p is (b + 1) / (B + 1); \
@@ -86,18 +89,13 @@ fn windows(report: &Report) -> Table {
             report.settings.seed
         ));
     }
+    let mut columns = vec![("", false), ("", false), ("windows", true), ("level", true)];
+    columns.extend(DISTANCES.iter().map(|distance| (distance.heading, true)));
+    columns.push(("smallest", true));
     Table {
+        id: "the-window-as-the-unit".to_owned(),
         title: "The window as the unit".to_owned(),
-        columns: texts(&[
-            ("", false),
-            ("", false),
-            ("windows", true),
-            ("level", true),
-            ("KS", true),
-            ("A-D", true),
-            ("energy", true),
-            ("smallest", true),
-        ]),
+        columns: texts(&columns),
         rows: rows(contrasts, row),
         notes,
     }
@@ -111,6 +109,7 @@ fn family(report: &Report) -> Table {
             p(pair.p_holm),
             p(pair.p_benjamini_yekutieli),
             p(pair.p_max_t),
+            pair.p_shift_holm.map_or_else(|| "–".to_owned(), p),
             pair.verdict.name().to_owned(),
         ]
     };
@@ -122,32 +121,45 @@ fn family(report: &Report) -> Table {
         if count == 1 { "pair" } else { "pairs" }
     )];
     if let Some(max_t) = &contrasts.max_t {
-        let how = match max_t.coverage {
-            Coverage::Exact => format!("all {} labellings", max_t.labellings),
-            Coverage::MonteCarlo => format!(
-                "{} labellings, monte-carlo with seed {}",
-                max_t.labellings, report.settings.seed
-            ),
-        };
         notes.push(format!(
-            "max-T deals all windows of the family anew at once ({how}; smallest {}). It is exact for the hypothesis that \
-             no scenario differs; for a single pair it holds where the scenarios' windows spread alike.",
+            "max-T deals the windows, each around the mean of its scenario, anew over the family ({} dealings, monte-carlo with seed \
+             {}; smallest {}), step by step from the pair that is furthest apart. It holds where the scenarios' windows spread \
+             alike, and is near exact with twenty windows or so in all.",
+            max_t.labellings,
+            report.settings.seed,
             p(max_t.smallest_p)
         ));
     }
-    let matters = report.settings.matters.map_or_else(
-        || "What shift matters is not declared (`report.matters`).".to_owned(),
-        |matters| {
-            format!("A shift matters above {matters}: the verdict asks that its whole interval lies beyond.")
+    notes.push(
+        "Shift: Holm's p of equal mean levels, whatever the numbers and spreads of windows: the larger one of the studentised \
+         permutation test's and Welch's."
+            .to_owned(),
+    );
+    let margin = report.settings.equivalence_margin.map_or_else(
+        || "No equivalence margin is declared (`report.equivalence_margin`).".to_owned(),
+        |margin| {
+            format!(
+                "The equivalence margin is {margin}: a shift matters if its whole interval for all pairs at once lies beyond, and is \
+                 immaterial if it lies within."
+            )
         },
     );
     notes.extend(without_data(report));
+    if report.replicates.is_some() {
+        notes.push(
+            "These p-values take windows for the units, which windows of one environment are not. The verdict is that of the table \
+             with the environment as the unit."
+                .to_owned(),
+        );
+    }
     notes.push(format!(
-        "Verdict: by Holm's p at {}. \"Cannot tell\": no windows of this number could reach it; \"not told apart\": they could \
-         have, and did not, which is not the same as no difference. {matters}",
+        "Verdict: by Holm's p at {}. \"Cannot tell\": no windows of these numbers could reach it in this family; \"not told apart\": \
+         they could have, and did not, which is not the same as no difference; \"level open\": they differ, and p of the shift \
+         leaves open whether in the mean or in the spread of their windows alone. {margin}",
         report.settings.alpha
     ));
     Table {
+        id: "the-family-of-comparisons".to_owned(),
         title: "The family of comparisons".to_owned(),
         columns: texts(&[
             ("", false),
@@ -156,6 +168,7 @@ fn family(report: &Report) -> Table {
             ("Holm", true),
             ("B-Y", true),
             ("max-T", true),
+            ("shift", true),
             ("verdict", false),
         ]),
         rows: rows(contrasts, row),
@@ -192,6 +205,7 @@ fn effects(report: &Report) -> Table {
         _ => "–".to_owned(),
     };
     Table {
+        id: "effects".to_owned(),
         title: "How large the differences are".to_owned(),
         columns: texts(&[
             ("", false),
@@ -203,18 +217,35 @@ fn effects(report: &Report) -> Table {
         rows: rows(&report.contrasts, row),
         notes: vec![
             format!(
-                "Of the second scenario against the first. Shift: Hodges-Lehmann, of window means, its interval exact for \
-                 a shift (confidence {confidence}). W1: Wasserstein distance of the values; never negative, so not 0 for \
-                 scenarios alike. P(larger): that a value of the second is the larger one. Their intervals are 95 % \
-                 bootstraps over windows, and rough with few."
+                "Of the second scenario against the first. Shift: Hodges-Lehmann, of window means, with the interval of the shifts \
+                 that are not rejected (confidence {confidence}). W1: Wasserstein distance of the values; never negative. \
+                 P(larger): that a value of the second is the larger one. Their intervals are of 95 % or more, from how the windows \
+                 of a side differ."
             ),
-            "None of the intervals is adjusted for the number of pairs.".to_owned(),
+            "None of these intervals is adjusted for the number of pairs; those of the first table are."
+                .to_owned(),
         ],
     }
 }
 
+/// What holds for all pairs of the family at once.
+pub(super) fn simultaneous(report: &Report) -> String {
+    let contrasts = &report.contrasts;
+    let margin = report
+        .settings
+        .equivalence_margin
+        .map_or_else(String::new, |margin| {
+            format!(" The band of ±{margin} does not matter (`report.equivalence_margin`).")
+        });
+    format!(
+        "All at once: intervals of {} each, so that all hold together with {} (Bonferroni).{margin}",
+        percent(contrasts.simultaneous_confidence(&report.settings)),
+        percent(1.0 - report.settings.alpha)
+    )
+}
+
 /// A row for each pair of the family that has data.
-fn rows(contrasts: &Contrasts, row: impl Fn(&Contrast) -> Vec<String>) -> Vec<Vec<String>> {
+pub(super) fn rows(contrasts: &Contrasts, row: impl Fn(&Contrast) -> Vec<String>) -> Vec<Vec<String>> {
     let rows = contrasts.pairs.iter().map(|pair| {
         let mut cells = vec![pair.a.clone(), pair.b.clone()];
         cells.extend(row(pair));

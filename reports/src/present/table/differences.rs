@@ -43,6 +43,7 @@ pub(super) fn of(report: &Report) -> Option<Table> {
     }
     let any = !rows.is_empty() || notes.len() > 1;
     any.then(|| Table {
+        id: "environment-differences".to_owned(),
         title: "What was different".to_owned(),
         columns: texts(&[
             ("", false),

@@ -36,6 +36,7 @@ pub(super) fn layers(report: &Report, scenarios: &DataFrame) -> PolarsResult<Tab
         ("L1", "host machine", values(HARDWARE)?),
     ];
     Ok(Table {
+        id: "the-layers-of-a-robot-simulation".to_owned(),
         title: "Table I. The layers of a robot simulation".to_owned(),
         columns: texts(&[("", false), ("layer", false), ("in this run", false)]),
         rows: rows
@@ -104,6 +105,7 @@ pub(super) fn scenarios(scenarios: &DataFrame) -> PolarsResult<Table> {
     };
     let is_any_left_out = can_run.iter().any(|can_run| can_run == Some(false));
     Ok(Table {
+        id: "the-scenarios".to_owned(),
         title: "Table II. The scenarios".to_owned(),
         columns,
         rows: (0..wide.height()).map(row).collect(),

@@ -3,16 +3,15 @@
 
 use std::collections::BTreeSet;
 
+use captures::{
+    packets::Topic,
+    traffic::{DirectionTraffic, PeriodTraffic, Quantity, ScenarioTraffic, Spread, together},
+};
+
 use super::{NO_DATA, Table, no_data_note, texts};
-use crate::{
-    analysis::{
-        packet_explanations::{Explanation, Factor},
-        report::Report,
-    },
-    input::{
-        packets::Topic,
-        traffic::{DirectionTraffic, PeriodTraffic, Quantity, ScenarioTraffic, Spread, together},
-    },
+use crate::analysis::{
+    packet_explanations::{Explanation, Factor},
+    report::Report,
 };
 
 /// How many factors are named for each pair.
@@ -42,14 +41,15 @@ fn summary(report: &Report) -> Table {
     }
     let mut notes = vec![
         "Times in ms. State: from plant to controller; command: back. A packet is a TCP segment with data. Delay: from the \
-         sender's capture to the receiver's, mean, and what 99 % do not exceed. Trip: until it was acknowledged, mean. \
-         Jitter: mean |D| of RFC 3550. Gap: the longest time without an arrival. Lost: of the packets sent; again: sent \
-         again. Over the windows that count; `packets.csv` has every period."
+         sender's capture to the receiver's, mean, and what 99 % do not exceed. RTT: until it was acknowledged, mean. \
+         Jitter: mean |D| of RFC 3550. Gap: the longest time without an arrival. Lost: of the packets sent; retr.: \
+         retransmitted. Over the windows that count; `packets.csv` has every period."
             .to_owned(),
     ];
     notes.extend(behind_the_delay(report));
     notes.extend(no_data_note(report.scenarios.iter()));
     Table {
+        id: "packets-between-controller-and-plant".to_owned(),
         title: "Packets between controller and plant".to_owned(),
         columns: texts(&[
             ("", false),
@@ -57,11 +57,11 @@ fn summary(report: &Report) -> Table {
             ("sent", true),
             ("delay", true),
             ("99 %", true),
-            ("trip", true),
+            ("RTT", true),
             ("jitter", true),
             ("gap", true),
             ("lost", true),
-            ("again", true),
+            ("retr.", true),
         ]),
         rows,
         notes,
@@ -117,14 +117,14 @@ fn cells(found: &ScenarioTraffic, topic: Topic) -> Option<Vec<String>> {
         sent.to_string(),
         milliseconds(mean(|direction| direction.one_way.as_ref())),
         milliseconds(p99_s),
-        milliseconds(mean(|direction| direction.round_trip.as_ref())),
+        milliseconds(mean(|direction| direction.rtt.as_ref())),
         milliseconds(mean(|direction| direction.jitter.as_ref())),
         milliseconds(longest_gap_s),
         format!(
             "{:.2} %",
             total(|period| period.lost) as f64 / sent as f64 * 100.0
         ),
-        total(|period| period.sent_again).to_string(),
+        total(|period| period.retransmitted).to_string(),
     ])
 }
 
@@ -174,6 +174,7 @@ fn counts(report: &Report) -> Table {
         }
     }
     Table {
+        id: "packet-counts".to_owned(),
         title: "Rejections on the packets, within and between scenarios".to_owned(),
         columns: texts(&[
             ("", false),
@@ -181,18 +182,18 @@ fn counts(report: &Report) -> Table {
             ("topic", false),
             ("N", true),
             ("delay", true),
-            ("trip", true),
+            ("RTT", true),
             ("jitter", true),
             ("gap", true),
             ("lost", true),
-            ("again", true),
-            ("late", true),
+            ("retr.", true),
+            ("reord.", true),
         ]),
         rows,
         notes: vec![
-            "As Tables III to V, with one value a period: the mean of the delays, trips and jitters of the packets sent in it, \
-             its longest gap, and how many were lost, sent again and overtaken (late). Rejected, of N window pairs, by the \
-             same test at the same level; what holds of those counts holds of these."
+            "As Tables III to V, with one value a period: the mean of the delays, RTTs and jitters of the packets sent in it, \
+             its longest gap, and how many were lost, retransmitted (retr.) and reordered (reord.). Rejected, of N window \
+             pairs, by the same test at the same level; what holds of those counts holds of these."
                 .to_owned(),
         ],
     }
@@ -220,6 +221,7 @@ fn explained(report: &Report) -> Table {
         rows.extend(told.into_iter().map(|factor| explained_row(one, factor)));
     }
     Table {
+        id: "packet-explanations".to_owned(),
         title: "What of the packets goes with the difference in error".to_owned(),
         columns: texts(&[
             ("", false),

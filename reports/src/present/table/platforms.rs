@@ -1,9 +1,10 @@
-//! Table IV: the experimental controls against each other, and two virtualizations on each platform.
+//! Table IV: the baseline scenarios, which the paper calls controls, against each other, and two virtualizations on each
+//! platform.
 
 use polars::{error::PolarsResult, frame::DataFrame};
 
 use super::{
-    NO_DATA, NOT_INDEPENDENT, Table, clipped_to, marked, no_control, no_data_note, short_platforms, texts,
+    NO_DATA, NOT_INDEPENDENT, Table, clipped_to, marked, no_baseline, no_data_note, short_platforms, texts,
     unlike_note,
 };
 use crate::{
@@ -11,8 +12,13 @@ use crate::{
     present::frames::{self, same, truths},
 };
 
+/// The table's id.
+pub(super) const ID: &str = "controls-and-virtualizations";
+
 /// Characters that one side of a comparison may take.
 const SIDE_WIDTH: usize = 24;
+
+const A_CONTROL: &str = "A control is what the paper calls a scenario of the baseline (`report.baseline`).";
 
 /// The table.
 pub(super) fn of(report: &Report, counts: &DataFrame) -> PolarsResult<Table> {
@@ -44,7 +50,8 @@ pub(super) fn of(report: &Report, counts: &DataFrame) -> PolarsResult<Table> {
             row.pop();
         });
     }
-    let mut notes = missing_pairs(report, &virtualizations);
+    let mut notes = vec![A_CONTROL.to_owned()];
+    notes.extend(missing_pairs(report, &virtualizations));
     notes.extend(unlike_note(&rows));
     let mut shown = Vec::new();
     for frame in [&controls, &virtualizations] {
@@ -61,6 +68,7 @@ pub(super) fn of(report: &Report, counts: &DataFrame) -> PolarsResult<Table> {
         notes.push(NOT_INDEPENDENT.to_owned());
     }
     Ok(Table {
+        id: ID.to_owned(),
         title: "Table IV. Controls against each other, and virtualizations on each platform".to_owned(),
         columns,
         rows,
@@ -98,9 +106,9 @@ fn rows(counts: &DataFrame, side: &str, what: impl Fn(&str) -> String) -> Polars
 
 fn missing_pairs(report: &Report, virtualizations: &DataFrame) -> Vec<String> {
     let mut notes = Vec::new();
-    let controls: Vec<&str> = report.controls().map(|control| control.id.as_str()).collect();
+    let controls: Vec<&str> = report.baseline().map(|control| control.id.as_str()).collect();
     match controls.as_slice() {
-        [] => notes.push(format!("No control against another: {}.", no_control(report))),
+        [] => notes.push(format!("No control against another: {}.", no_baseline(report))),
         [one] => notes.push(format!(
             "No control against another: {one} is the only one. A host of other hardware or another OS adds one."
         )),
@@ -108,7 +116,7 @@ fn missing_pairs(report: &Report, virtualizations: &DataFrame) -> Vec<String> {
     }
     if virtualizations.height() == 0 {
         notes.push(
-            "No two virtualizations on one platform besides the control can run: name at least two on the axis \
+            "No two virtualizations on one platform besides the baseline can run: name at least two on the axis \
              `virtualization`, such as docker and virtualbox. The scenarios say why one cannot."
                 .to_owned(),
         );

@@ -19,6 +19,7 @@ pub(super) fn of(report: &Report) -> Option<Table> {
         })
         .collect();
     Some(Table {
+        id: "release-lateness".to_owned(),
         title: "How late the network emulator let packets go".to_owned(),
         columns: texts(&[
             ("", false),

@@ -14,6 +14,7 @@ pub(super) fn of(report: &Report) -> Table {
         })
         .collect();
     Table {
+        id: "schedule".to_owned(),
         title: "How well each platform held the schedule".to_owned(),
         columns: texts(&[
             ("", false),

@@ -1,14 +1,12 @@
 //! What the values within the windows have to do with each other, and which windows are not steady.
 
 use record::report_settings::WarmUp;
+use statistics::stationarity::CHANGE_LEVEL;
 
 use super::{NO_DATA, Table, clipped, texts};
-use crate::{
-    analysis::{
-        report::Report,
-        within::{Look, WithinWindows},
-    },
-    statistics::stationarity::CHANGE_LEVEL,
+use crate::analysis::{
+    report::Report,
+    within::{Look, WithinWindows},
 };
 
 pub(super) fn of(report: &Report) -> Table {
@@ -74,6 +72,7 @@ pub(super) fn of(report: &Report) -> Table {
         }
     }
     Table {
+        id: "within-the-windows".to_owned(),
         title: "Within the windows".to_owned(),
         columns: texts(&[
             ("", false),

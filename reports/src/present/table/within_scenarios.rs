@@ -9,6 +9,9 @@ use crate::{
     present::frames::{self, left, truths},
 };
 
+/// The table's id.
+pub(super) const ID: &str = "rejections-within-each-scenario";
+
 /// Characters of a layer.
 const LAYER_WIDTH: usize = 14;
 
@@ -61,6 +64,7 @@ pub(super) fn of(report: &Report, scenarios: &DataFrame, counts: &DataFrame) -> 
         columns.extend(texts(&[("paper, of 6", true)]));
     }
     Ok(Table {
+        id: ID.to_owned(),
         title: "Table III. Rejections within each scenario".to_owned(),
         columns,
         rows: (0..frame.height()).map(row).collect(),

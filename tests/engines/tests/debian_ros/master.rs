@@ -16,7 +16,7 @@ use record::{check::CheckRecord, progress::Progress};
 
 use crate::{
     settings,
-    stage::{PATIENCE, Stage, machine, pid},
+    stage::{Stage, TIMEOUT, machine, pid},
 };
 
 /// The one child that the workload has.
@@ -35,7 +35,7 @@ fn rosmaster_of(stage: &Stage) -> Pid {
 }
 
 fn wait_until_gone(process: Pid) {
-    let deadline = Instant::now() + PATIENCE;
+    let deadline = Instant::now() + TIMEOUT;
     while Path::new(&format!("/proc/{process}")).exists() {
         assert!(Instant::now() < deadline, "{process} is still there");
         std::thread::sleep(Duration::from_millis(10));

@@ -6,8 +6,8 @@ use std::{collections::BTreeMap, fs::File, path::Path};
 use pcap_file::pcap::PcapReader;
 use record::progress::Progress;
 use rstest::rstest;
+use simulation::ros::float64_multi_array::Encoder;
 use tempfile::TempDir;
-use workload::ros::float64_multi_array::Encoder;
 
 use crate::stage::{Stage, machine};
 

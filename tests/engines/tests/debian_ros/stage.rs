@@ -23,7 +23,7 @@ use tempfile::TempDir;
 
 pub const INSTALL: &str = "apt-get install --no-install-recommends python3-rosmaster python3-rospy python3-rostopic python3-std-msgs";
 /// For whatever is waited for; only hopeless waits are ended by it.
-pub const PATIENCE: Duration = Duration::from_secs(90);
+pub const TIMEOUT: Duration = Duration::from_secs(90);
 /// Short links, so that what is looked at is the conversation and not the control task's limits.
 pub const SHORT_LINKS: &str = r#""network":{"delay":"1ms","jitter":"0ms","loss":"0%"}"#;
 
@@ -135,7 +135,7 @@ impl Stage {
 
     /// Waits until it says something of the kind, if it has not yet, since the last one that was waited for.
     pub fn wait_for(&mut self, wanted: impl Fn(&Progress) -> bool) -> Progress {
-        let deadline = Instant::now() + PATIENCE;
+        let deadline = Instant::now() + TIMEOUT;
         while let Some(line) = self.lines.next(deadline) {
             let progress: Progress = serde_json::from_str(&line).unwrap();
             self.said.push(progress.clone());
@@ -194,7 +194,7 @@ impl Stage {
     /// Ends it in order, and gives all it said.
     pub fn end(mut self) -> Vec<Progress> {
         kill(pid(&self.child), Signal::SIGTERM).unwrap();
-        let deadline = Instant::now() + PATIENCE;
+        let deadline = Instant::now() + TIMEOUT;
         while let Some(line) = self.lines.next(deadline) {
             self.said.push(serde_json::from_str(&line).unwrap());
         }
@@ -220,7 +220,7 @@ pub struct Tool {
 impl Tool {
     /// Waits for a line with these words.
     pub fn wait_for(&self, words: &str) -> String {
-        let deadline = Instant::now() + PATIENCE;
+        let deadline = Instant::now() + TIMEOUT;
         let mut said = Vec::new();
         while let Some(line) = self.lines.next(deadline) {
             if line.contains(words) {
@@ -233,7 +233,7 @@ impl Tool {
 
     /// All its lines, when it ends by itself.
     pub fn output(mut self) -> String {
-        let deadline = Instant::now() + PATIENCE;
+        let deadline = Instant::now() + TIMEOUT;
         let mut all = String::new();
         while let Some(line) = self.lines.next(deadline) {
             all.push_str(&line);

@@ -47,13 +47,16 @@ pub enum Event {
         /// Who holds it, since when.
         holder: String,
     },
-    /// Work on a scenario began.
+    /// Work on a scenario began: of several rounds, on its environment of one.
     ScenarioStarted {
         /// The scenario.
         #[serde(deserialize_with = "name")]
         scenario: String,
         /// The windows that are still wanted.
         windows: Vec<u32>,
+        /// The round of its environment, from 1; none where each scenario has one environment.
+        #[serde(default, skip_serializing_if = "Option::is_none")]
+        round: Option<u32>,
     },
     /// An environment and its resources are about to be created.
     EnvironmentCreating {
@@ -67,6 +70,9 @@ pub enum Event {
         provider: String,
         /// The windows it is to measure.
         windows: Vec<u32>,
+        /// The round of its environment, from 1; none where each scenario has one environment.
+        #[serde(default, skip_serializing_if = "Option::is_none")]
+        round: Option<u32>,
         /// All that will be created.
         resources: Vec<Resource>,
     },
@@ -183,7 +189,7 @@ pub enum Event {
         #[serde(deserialize_with = "name")]
         environment: String,
     },
-    /// Work on a scenario ended.
+    /// Work on a scenario ended: of several rounds, on its environment of one.
     ScenarioFinished {
         /// The scenario.
         #[serde(deserialize_with = "name")]
@@ -194,6 +200,9 @@ pub enum Event {
         reason: Option<String>,
         /// What to do about it.
         hint: Option<String>,
+        /// The round of its environment, from 1; none where each scenario has one environment.
+        #[serde(default, skip_serializing_if = "Option::is_none")]
+        round: Option<u32>,
     },
     /// All scenarios have an outcome.
     RunFinished,

@@ -2,9 +2,10 @@
 
 use std::{fmt, path::PathBuf};
 
-use serde::{Deserialize, Serialize};
+use serde::{Deserialize, Deserializer, Serialize, Serializer};
+use serde_json::{Map, Value};
 
-use crate::{name::name, report_settings::ReportSettings};
+use crate::{connection::Connection, name::name, report_settings::ReportSettings};
 
 /// What was asked of this run; written once, before anything else happens.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
@@ -36,8 +37,9 @@ pub struct Manifest {
     pub order: String,
     /// Seed of the scenarios' order.
     pub seed: u64,
-    /// The providers' own settings, as the matrix file's `providers:` section gives them.
-    pub providers: serde_json::Value,
+    /// The settings of each provider by its name, which is a value of the axis `virtualization`. A section is any JSON: only its
+    /// provider can read it, which may be one from outside this workspace (`docs/extending.md`).
+    pub providers: Map<String, Value>,
     /// The hosts that the matrix file names; none in runs of earlier versions, which were on one machine.
     #[serde(default)]
     pub hosts: Vec<HostRecord>,
@@ -84,12 +86,87 @@ pub struct HostRecord {
     /// Its name in the matrix file.
     #[serde(deserialize_with = "name")]
     pub name: String,
-    /// How it is reached, as the matrix file says it.
-    pub connect: serde_json::Value,
+    /// How it is reached.
+    pub connect: RecordedConnection,
     /// What it is, as `uname -m` says it; empty where it could not be asked.
     pub hardware: String,
     /// `ID` and `VERSION_ID` of its os-release.
     pub os: String,
     /// Its kernel, as `uname -r` says it.
     pub kernel: String,
+}
+
+/// How a host was reached, as a manifest has it. Writing it gives what was read.
+#[derive(Debug, Clone, PartialEq)]
+pub enum RecordedConnection {
+    /// As the matrix file said it.
+    Known(Connection),
+    /// Not said: `null`, in a redacted copy.
+    Redacted,
+    /// In a way that this version does not know. It is JSON, since nothing but a later version can read it.
+    Unknown(Value),
+}
+
+impl RecordedConnection {
+    /// The connection, if it is there and this version knows it.
+    #[must_use]
+    pub const fn known(&self) -> Option<&Connection> {
+        match self {
+            Self::Known(connection) => Some(connection),
+            Self::Redacted | Self::Unknown(_) => None,
+        }
+    }
+
+    /// Whether the host is known to be the machine that ran `matrix`.
+    #[must_use]
+    pub const fn is_this_machine(&self) -> bool {
+        matches!(self, Self::Known(Connection::Local))
+    }
+}
+
+impl Serialize for RecordedConnection {
+    fn serialize<S: Serializer>(&self, serializer: S) -> Result<S::Ok, S::Error> {
+        match self {
+            Self::Known(connection) => connection.serialize(serializer),
+            Self::Redacted => serializer.serialize_unit(),
+            Self::Unknown(written) => written.serialize(serializer),
+        }
+    }
+}
+
+impl<'de> Deserialize<'de> for RecordedConnection {
+    fn deserialize<D: Deserializer<'de>>(deserializer: D) -> Result<Self, D::Error> {
+        let written = Value::deserialize(deserializer)?;
+        if written.is_null() {
+            return Ok(Self::Redacted);
+        }
+        Ok(Connection::deserialize(&written).map_or(Self::Unknown(written), Self::Known))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use rstest::rstest;
+    use serde_json::json;
+
+    use super::*;
+
+    #[rstest]
+    #[case::this_machine(json!("local"), true, true)]
+    #[case::ssh(json!({"ssh": "me@lab:22", "identity": null, "jump": null, "known_hosts": null}), true, false)]
+    #[case::redacted(Value::Null, false, false)]
+    #[case::of_a_later_version(json!({"serial": "/dev/ttyS0", "baud": 9600}), false, false)]
+    #[case::of_a_later_ssh(json!({"ssh": "me@lab", "compression": true}), false, false)]
+    fn a_connection_is_written_as_it_was_read_whether_it_is_known_or_not(
+        #[case] written: Value,
+        #[case] is_known: bool,
+        #[case] is_this_machine: bool,
+    ) {
+        let connection: RecordedConnection = serde_json::from_value(written.clone()).unwrap();
+        assert_eq!(
+            (connection.known().is_some(), connection.is_this_machine()),
+            (is_known, is_this_machine)
+        );
+        assert_eq!(serde_json::to_value(&connection).unwrap(), written);
+    }
 }

@@ -5,7 +5,7 @@ use std::collections::BTreeSet;
 use serde::{Deserialize, Serialize};
 
 use crate::{
-    axis::text_of,
+    axis::axis_text,
     name::{name, name_if_any},
     settings::{Settings, recorded},
     window::Impossible,
@@ -18,8 +18,11 @@ pub struct PlanRecord {
     pub format: u32,
     /// Every scenario, in letter order.
     pub scenarios: Vec<PlannedScenario>,
-    /// Letters of the feasible ones that were selected, in the order they run.
+    /// Letters of the feasible ones that were selected, in the order they run: in the first round, if there are several.
     pub order: Vec<String>,
+    /// The order of each further round, in which every scenario of it has a new environment. Runs of one round have none.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub later_rounds: Vec<Vec<String>>,
     /// Time that measuring takes, in seconds: windows only, without setting up, on the host that has most of them.
     pub measuring_s: f64,
 }
@@ -63,6 +66,12 @@ impl PlanRecord {
     /// More windows no matrix has, of all scenarios.
     pub const MOST_WINDOWS: u64 = 200_000;
 
+    /// The rounds, numbered from 1, each with the letters of its scenarios in the order they run.
+    pub fn rounds(&self) -> impl Iterator<Item = (u32, &[String])> {
+        let orders = std::iter::once(&self.order).chain(&self.later_rounds);
+        std::iter::zip(1.., orders.map(Vec::as_slice))
+    }
+
     /// Looks whether it is one that could have been planned: it comes from a run directory.
     ///
     /// # Errors
@@ -72,13 +81,20 @@ impl PlanRecord {
         if self.scenarios.len() > Self::MOST_SCENARIOS {
             return wrong("scenarios", format!("a list of {}", self.scenarios.len()));
         }
+        if self.later_rounds.len() >= Settings::MOST_ENVIRONMENTS as usize {
+            return wrong("later_rounds", format!("a list of {}", self.later_rounds.len()));
+        }
         let windows: u64 = self
             .scenarios
             .iter()
-            .map(|it| u64::from(it.settings.windows))
+            .map(|it| u64::from(it.settings.all_windows()))
             .sum();
         if windows > Self::MOST_WINDOWS {
             return wrong("windows", format!("{windows} in all"));
+        }
+        let environments = self.scenarios.iter().map(|it| it.settings.environments).max();
+        if let Some(many) = environments.filter(|many| *many > Settings::MOST_ENVIRONMENTS) {
+            return wrong("environments", many.to_string());
         }
         let twice = |field, of: fn(&PlannedScenario) -> &String| {
             let mut seen = BTreeSet::new();
@@ -96,10 +112,21 @@ impl PlannedScenario {
         self.feasible && self.not_selected.is_none()
     }
 
+    /// The rounds in which it has an environment, from 1.
+    pub fn rounds(&self) -> impl Iterator<Item = u32> + use<> {
+        1..=self.settings.environments
+    }
+
+    /// The number of a round for the journal: none where there is but one.
+    #[must_use]
+    pub fn round(&self, round: u32) -> Option<u32> {
+        (self.settings.environments > 1).then_some(round)
+    }
+
     /// The value of an axis as text, if the scenario has that axis.
     #[must_use]
     pub fn axis(&self, name: &str) -> Option<String> {
-        self.axes.get(name).map(text_of)
+        self.axes.get(name).map(axis_text)
     }
 }
 

@@ -6,7 +6,7 @@ use std::io;
 use sha2::{Digest, Sha256};
 
 use super::{
-    Checksums, FORMAT, Journal, Manifest, PlanRecord, RunDirectory,
+    FORMAT, Journal, Manifest, PlanRecord, RunDirectory, RunState,
     reading::{ReadError, read_checked},
 };
 
@@ -19,8 +19,8 @@ pub struct RunRecords {
     pub plan: PlanRecord,
     /// What happened.
     pub journal: Journal,
-    /// What the journal says that the other files are.
-    pub checksums: Checksums,
+    /// What the journal has come to. It has the checksums of the other files.
+    pub state: RunState,
 }
 
 impl RunRecords {
@@ -29,18 +29,19 @@ impl RunRecords {
     /// # Errors
     /// When it is no run directory, half-written, damaged or of a later format.
     pub fn read(directory: &RunDirectory) -> Result<Self, ReadError> {
-        see_that_it_is_one(directory)?;
+        ensure_is_run_directory(directory)?;
         // What is wrong with the others is told first: a later version may have another journal too.
         let journal = Journal::read(&directory.journal());
-        let checksums = journal.as_ref().map(Checksums::of).unwrap_or_default();
+        let entries = journal.iter().flat_map(|journal| &journal.entries);
+        let state = RunState::replay(entries);
         let place = directory.plan();
-        let plan: PlanRecord = read_checked(&place, FORMAT, checksums.plan())?;
+        let plan: PlanRecord = read_checked(&place, FORMAT, state.plan_sha256.as_deref())?;
         plan.check().map_err(|source| ReadError::Impossible {
             path: place.path(),
             source,
         })?;
         let place = directory.manifest();
-        let manifest: Manifest = read_checked(&place, FORMAT, checksums.manifest())?;
+        let manifest: Manifest = read_checked(&place, FORMAT, state.manifest_sha256.as_deref())?;
         if !manifest.has_its_matrix() {
             return Err(ReadError::Damaged {
                 path: place.path(),
@@ -51,7 +52,7 @@ impl RunRecords {
             manifest,
             plan,
             journal: journal?,
-            checksums,
+            state,
         })
     }
 }
@@ -63,7 +64,7 @@ impl Manifest {
     }
 }
 
-fn see_that_it_is_one(directory: &RunDirectory) -> Result<(), ReadError> {
+fn ensure_is_run_directory(directory: &RunDirectory) -> Result<(), ReadError> {
     let path = directory.path();
     let about = path.metadata().map_err(|source| match source.kind() {
         io::ErrorKind::NotFound => ReadError::NotFound {

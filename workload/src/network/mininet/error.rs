@@ -35,7 +35,7 @@ pub enum MininetError {
     /// Mininet takes too long.
     #[error("Mininet did not answer within {after:?}")]
     Silent {
-        /// The patience that it had.
+        /// The timeout that it had.
         after: Duration,
     },
     /// The program that holds the network has ended.

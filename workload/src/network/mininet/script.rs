@@ -35,7 +35,7 @@ const LOADER: &str =
 const PATH: &str = "/usr/local/sbin:/usr/local/bin:/usr/sbin:/usr/bin:/sbin:/bin";
 
 /// How long taking the network down may take; 4 s were seen on an emulated processor.
-const END_PATIENCE: Duration = Duration::from_secs(60);
+const END_TIMEOUT: Duration = Duration::from_secs(60);
 
 /// What is asked of the program.
 #[derive(Debug, Serialize)]
@@ -232,13 +232,13 @@ impl Script {
     pub fn ask<T: DeserializeOwned>(
         &mut self,
         request: &Request,
-        patience: Duration,
+        timeout: Duration,
     ) -> Result<T, NetworkError> {
         // Plain data can always be written as JSON.
         self.say(&serde_json::to_string(request).unwrap_or_default())?;
         let answers = self.answers.lock().unwrap_or_else(PoisonError::into_inner);
-        let answer = answers.recv_timeout(patience).map_err(|error| match error {
-            RecvTimeoutError::Timeout => MininetError::Silent { after: patience },
+        let answer = answers.recv_timeout(timeout).map_err(|error| match error {
+            RecvTimeoutError::Timeout => MininetError::Silent { after: timeout },
             RecvTimeoutError::Disconnected => MininetError::Ended,
         })?;
         match serde_json::from_str(&answer) {
@@ -261,7 +261,7 @@ impl Script {
     pub fn end(&mut self) {
         drop(self.input.take());
         let answers = self.answers.get_mut().unwrap_or_else(PoisonError::into_inner);
-        while let Ok(_late) = answers.recv_timeout(END_PATIENCE) {}
+        while let Ok(_late) = answers.recv_timeout(END_TIMEOUT) {}
         // Both fail where it has ended in order.
         if let Ok(group) = i32::try_from(self.child.id()) {
             let _ = killpg(Pid::from_raw(group), Signal::SIGKILL);

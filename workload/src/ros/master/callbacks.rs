@@ -16,9 +16,9 @@ use crate::ros::{
 };
 
 /// For one call.
-const CALL_PATIENCE: Duration = Duration::from_secs(5);
+const CALL_TIMEOUT: Duration = Duration::from_secs(5);
 /// How long a worker keeps its connection with nothing to tell.
-const IDLE_PATIENCE: Duration = Duration::from_secs(30);
+const IDLE_TIMEOUT: Duration = Duration::from_secs(30);
 /// What may wait for one node that hangs.
 const MOST_WAITING: usize = 256;
 /// As whom the master calls.
@@ -170,12 +170,12 @@ impl Callbacks {
             .ok();
         if let Some(client) = &client {
             // If it fails, the call itself will say so.
-            let _ = client.connect_ahead(Instant::now() + CALL_PATIENCE);
+            let _ = client.connect_ahead(Instant::now() + CALL_TIMEOUT);
         }
         while let Some(callback) = self.next(api) {
             let Some(client) = &client else { continue };
             let (call, params) = callback.call();
-            match client.call_ros(call, &params, Instant::now() + CALL_PATIENCE) {
+            match client.call_ros(call, &params, Instant::now() + CALL_TIMEOUT) {
                 // A node may refuse to end, and rospy answers updates of parameters it does not know with an error.
                 Ok(_) | Err(CallError::Refused(_)) => {}
                 Err(error) => failed(call, &error),
@@ -186,7 +186,7 @@ impl Callbacks {
     /// Waits for the next callback; `None` when the worker is to end, which it has then already in the books.
     fn next(&self, api: &str) -> Option<Callback> {
         let mut state = self.lock();
-        let deadline = Instant::now() + IDLE_PATIENCE;
+        let deadline = Instant::now() + IDLE_TIMEOUT;
         loop {
             let next = state.waiting.get_mut(api).and_then(VecDeque::pop_front);
             if next.is_some() && !state.closed {

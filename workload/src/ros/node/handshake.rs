@@ -21,7 +21,7 @@ use crate::ros::{
 };
 
 /// For a refusal to be taken.
-const REFUSAL_PATIENCE: Duration = Duration::from_secs(1);
+const REFUSAL_TIMEOUT: Duration = Duration::from_secs(1);
 
 /// Why a connection does not become a subscriber.
 #[derive(Debug, thiserror::Error)]
@@ -92,7 +92,7 @@ fn welcome(node: &Membership, stream: TcpStream, peer: SocketAddr) {
             refused(&refusal);
             let answer = ConnectionHeader::new([("error", &refusal.to_string())]);
             // It may have gone already.
-            let _ = socket.write_all(&answer.to_bytes(), Instant::now() + REFUSAL_PATIENCE);
+            let _ = socket.write_all(&answer.to_bytes(), Instant::now() + REFUSAL_TIMEOUT);
         }
     }
 }

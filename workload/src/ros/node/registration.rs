@@ -19,9 +19,9 @@ use crate::ros::{
 };
 
 /// For one attempt at the master.
-const CALL_PATIENCE: Duration = Duration::from_secs(5);
+const CALL_TIMEOUT: Duration = Duration::from_secs(5);
 /// For all that is taken back at the end, together.
-const END_PATIENCE: Duration = Duration::from_millis(1500);
+const END_TIMEOUT: Duration = Duration::from_millis(1500);
 /// Between two attempts, at first and at most.
 const FIRST_PAUSE: Duration = Duration::from_millis(50);
 const LONGEST_PAUSE: Duration = Duration::from_secs(1);
@@ -80,13 +80,13 @@ pub(super) fn call_to_register(
     node.master.call_ros(role.register(), &params, deadline)
 }
 
-/// Calls the master until it answers, refuses, or the patience ends.
+/// Calls the master until it answers, refuses, or the timeout ends.
 fn register(node: &Membership, registration: &Registered, connections: &Connections) -> Option<Value> {
     let (call, topic) = (registration.role.register(), &registration.topic);
     let deadline = Instant::now() + node.master_patience;
     let mut pause = FIRST_PAUSE;
     loop {
-        let attempt_ends = deadline.min(Instant::now() + CALL_PATIENCE);
+        let attempt_ends = deadline.min(Instant::now() + CALL_TIMEOUT);
         let error = match call_to_register(node, registration, attempt_ends) {
             Ok(value) => {
                 note(node, registration);
@@ -128,13 +128,13 @@ fn register(node: &Membership, registration: &Registered, connections: &Connecti
 /// Notes a registration, or takes it back if the node has begun to end meanwhile.
 fn note(node: &Membership, registration: &Registered) {
     if !node.note_registered(registration.clone()) {
-        take_back(node, registration, Instant::now() + END_PATIENCE);
+        take_back(node, registration, Instant::now() + END_TIMEOUT);
     }
 }
 
 /// Unregisters all topics, at the same time, in bounded time.
 pub(super) fn end(node: &Membership) {
-    let deadline = Instant::now() + END_PATIENCE;
+    let deadline = Instant::now() + END_TIMEOUT;
     thread::scope(|scope| {
         for registered in node.begin_to_close() {
             let unregister = move || take_back(node, &registered, deadline);

@@ -21,7 +21,7 @@ use crate::ros::{
 };
 
 /// For one call.
-const CALL_PATIENCE: Duration = Duration::from_secs(5);
+const CALL_TIMEOUT: Duration = Duration::from_secs(5);
 /// Between two attempts, at first and at most.
 const FIRST_PAUSE: Duration = Duration::from_millis(100);
 const LONGEST_PAUSE: Duration = Duration::from_secs(1);
@@ -37,12 +37,12 @@ pub(super) fn begin(node: &Arc<Membership>) -> Result<(), RosError> {
 fn watch(node: &Membership) {
     let stop = node.crew.stop();
     let mut pause = FIRST_PAUSE;
-    // The first time registrations are under way already, with a patience and errors of their own.
+    // The first time registrations are under way already, with a timeout and errors of their own.
     let mut is_first = true;
     loop {
         let outcome = node
             .master
-            .open_line(Instant::now() + CALL_PATIENCE)
+            .open_line(Instant::now() + CALL_TIMEOUT)
             .and_then(|line| {
                 if !is_first {
                     register_again(node)?;
@@ -73,7 +73,7 @@ fn register_again(node: &Membership) -> Result<(), CallError> {
         return Ok(());
     }
     for registration in registrations {
-        let answer = call_to_register(node, &registration, Instant::now() + CALL_PATIENCE);
+        let answer = call_to_register(node, &registration, Instant::now() + CALL_TIMEOUT);
         let answer = answer.inspect_err(|error| {
             node.notices.send(Notice::MasterCallFailed {
                 call: registration.role.register(),
@@ -93,7 +93,7 @@ fn register_again(node: &Membership) -> Result<(), CallError> {
 
 /// Whether the master has all of this node's registrations: one that was lost half way is not known.
 fn is_known(node: &Membership, registrations: usize) -> Result<bool, CallError> {
-    let deadline = Instant::now() + CALL_PATIENCE;
+    let deadline = Instant::now() + CALL_TIMEOUT;
     let state = node
         .master
         .call_ros("getSystemState", &[node.name.as_str().into()], deadline)?;

@@ -19,7 +19,7 @@ use crate::ros::{
 };
 
 /// For each step of a connection: asking, connecting, exchanging headers.
-const STEP_PATIENCE: Duration = Duration::from_secs(5);
+const STEP_TIMEOUT: Duration = Duration::from_secs(5);
 /// Between two attempts at one publisher, at first and at most.
 const FIRST_PAUSE: Duration = Duration::from_millis(20);
 const LONGEST_PAUSE: Duration = Duration::from_secs(2);
@@ -107,7 +107,7 @@ impl Inlet {
 
     /// Asks for the topic's address, connects to it and exchanges headers.
     fn connect(&self) -> Result<(Socket, Frames), InletError> {
-        let deadline = || Instant::now() + STEP_PATIENCE;
+        let deadline = || Instant::now() + STEP_TIMEOUT;
         let address = self.request_topic(deadline())?;
         let socket = Socket::connect(address, &self.registration.stop, deadline())?;
         if self.intake.tcp_nodelay {

@@ -20,9 +20,9 @@ use crate::ros::{
 };
 
 /// From a request's first byte to its last, and for the answer to be taken.
-const REQUEST_PATIENCE: Duration = Duration::from_secs(10);
+const REQUEST_TIMEOUT: Duration = Duration::from_secs(10);
 /// For a connection on which nothing is asked, unless there are many. Clients open another when they find theirs closed.
-const IDLE_PATIENCE: Duration = Duration::from_secs(300);
+const IDLE_TIMEOUT: Duration = Duration::from_secs(300);
 /// `system.multicall` answers that many calls: rospy ends with one for each of its topics and services.
 const MOST_CALLS: usize = 1000;
 
@@ -139,27 +139,27 @@ fn converse(
     let mut inbox = Inbox::new(Role::Requests);
     let mut buffer = [0; 4096];
     let mut idle_since = Instant::now();
-    let mut deadline = idle_since + REQUEST_PATIENCE;
+    let mut deadline = idle_since + REQUEST_TIMEOUT;
     loop {
         match inbox.next() {
             Ok(Some(message)) => {
                 let answer = answer(api, &message);
-                let taken_by = Instant::now() + REQUEST_PATIENCE;
+                let taken_by = Instant::now() + REQUEST_TIMEOUT;
                 socket.write_all(&response(&answer, message.keep_alive), taken_by)?;
                 if !message.keep_alive {
                     return Ok(());
                 }
                 idle_since = Instant::now();
-                deadline = idle_since + REQUEST_PATIENCE;
+                deadline = idle_since + REQUEST_TIMEOUT;
             }
             Ok(None) => {
                 let begun = inbox.has_begun();
                 let count = match socket.read(&mut buffer, Some(deadline)) {
                     Ok(count) => count,
                     Err(WaitError::TimedOut)
-                        if !begun && idle_since.elapsed() < IDLE_PATIENCE && !guests.are_many() =>
+                        if !begun && idle_since.elapsed() < IDLE_TIMEOUT && !guests.are_many() =>
                     {
-                        deadline = Instant::now() + REQUEST_PATIENCE;
+                        deadline = Instant::now() + REQUEST_TIMEOUT;
                         continue;
                     }
                     Err(error) => {
@@ -171,12 +171,12 @@ fn converse(
                 };
                 inbox.take_in(buffer.get(..count).unwrap_or_default());
                 if !begun {
-                    deadline = Instant::now() + REQUEST_PATIENCE;
+                    deadline = Instant::now() + REQUEST_TIMEOUT;
                 }
             }
             Err(error) => {
                 refused(&error);
-                return socket.write_all(&refusal(&error), Instant::now() + REQUEST_PATIENCE);
+                return socket.write_all(&refusal(&error), Instant::now() + REQUEST_TIMEOUT);
             }
         }
     }

@@ -8,7 +8,7 @@ use record::{
     settings::{Dynamics, Settings},
 };
 use reports::analysis::{
-    selftest::Rate,
+    calibration::Rate,
     sensitivity::{Design, Detected, Disturbance, Sensitivity},
     setup::differing_settings,
 };
@@ -224,11 +224,12 @@ mod tests {
 
     fn rate(rejected: usize) -> Rate {
         Rate {
-            method: "",
+            method: String::new(),
             data: "",
             nominal: 0.001,
             rejected,
             trials: 40,
+            independent: 40,
         }
     }
 

@@ -46,18 +46,18 @@ pub struct DirectionPackets {
     pub topic: &'static str,
     /// Packets that left.
     pub sent: u64,
-    /// Retransmitted packets.
-    pub sent_again: u64,
+    /// Retransmitted packets: those that carried data sent before.
+    pub retransmitted: u64,
     /// Packets that did not arrive.
     pub lost: u64,
     /// Reordered packets: those that arrived after one that was sent later.
-    pub overtaken: u64,
+    pub reordered: u64,
     /// Packets that arrived and were not captured when they left.
     pub strays: u64,
     /// Delay from one capture to the other; null without a packet.
     pub one_way: Option<SpreadEntry>,
-    /// Time until acknowledged, at the sender's capture; null without a packet.
-    pub round_trip: Option<SpreadEntry>,
+    /// RTT: time until acknowledged, at the sender's capture; null without a packet.
+    pub rtt: Option<SpreadEntry>,
     /// Difference of the delays of neighbouring arrivals; null without two packets.
     pub jitter: Option<SpreadEntry>,
     /// Time between two arrivals; null without two packets.
@@ -88,7 +88,7 @@ pub struct SpreadEntry {
 pub struct PacketCount<'a> {
     /// `state` (plant to controller) or `command` (back).
     pub topic: &'static str,
-    /// `delay`, `round trip`, `jitter`, `gap`, `lost`, `again` or `overtaken`.
+    /// `delay`, `rtt`, `jitter`, `gap`, `lost`, `retransmitted` or `reordered`.
     pub quantity: &'static str,
     /// Letter of the first scenario.
     pub a: &'a str,
@@ -120,7 +120,7 @@ pub struct PacketExplanation<'a> {
 pub struct FactorEntry {
     /// `state` (plant to controller) or `command` (back).
     pub topic: &'static str,
-    /// `delay`, `round trip`, `jitter`, `gap`, `lost`, `again` or `overtaken`.
+    /// `delay`, `rtt`, `jitter`, `gap`, `lost`, `retransmitted` or `reordered`.
     pub quantity: &'static str,
     /// Its unit: `s` or `packets a period`.
     pub unit: &'static str,

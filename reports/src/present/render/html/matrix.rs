@@ -53,7 +53,7 @@ fn cell(scenario: &ScenarioReport) -> Markup {
             @if !scenario.windows.is_empty() {
                 br; (scenario.windows_counted()) " of " (scenario.windows.len()) " windows count"
             }
-            @if scenario.is_control { br; "control" }
+            @if scenario.is_baseline { br; "baseline" }
             @if scenario.is_simulated { br; strong { "simulated, not measured" } }
             @if let Some(reason) = &scenario.reason { br; span .note { (prose(reason)) } }
         }

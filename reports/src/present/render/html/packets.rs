@@ -1,15 +1,13 @@
 //! The packets' delays: how they spread, and their means over time, a pair of drawings for each scenario.
 
+use captures::{
+    packets::Topic,
+    traffic::{ScenarioTraffic, together},
+};
 use maud::{Markup, html};
 
 use super::plot::{Axis, Plot};
-use crate::{
-    analysis::{report::Report, scenario::ScenarioReport},
-    input::{
-        packets::Topic,
-        traffic::{ScenarioTraffic, together},
-    },
-};
+use crate::analysis::{report::Report, scenario::ScenarioReport};
 
 /// Delays beyond this share are not drawn: a single packet that was minutes late would leave the rest no room.
 const DRAWN: f64 = 0.995;

@@ -1,0 +1,122 @@
+//! What each host is and can do, whatever a matrix needs of it: what `matrix doctor` shows. The main type is [`Examination`].
+
+use std::{path::Path, sync::Arc};
+
+use record::{
+    check::Check,
+    run_directory::PlannedScenario,
+    settings::{Need, Settings},
+};
+
+use crate::{
+    disk_space,
+    host::{Here, Host},
+    matrix_file::{MatrixFile, THIS_MACHINE},
+    plan::{self, HostFacts, Selection, order::Order},
+    preparation::PreparationError,
+    provider::{
+        Catalogue, ProviderError, ProviderSettings, Providers,
+        detached::{AgentClient, ClockReading},
+    },
+    state_directory::StateDirectory,
+    survey,
+};
+
+/// What a host answers if it is asked for everything.
+pub struct Examination {
+    /// The host's name.
+    pub name: String,
+    /// What it is, and what each provider can do there.
+    pub facts: HostFacts,
+    /// What the experiment needs; an error where it could not be asked.
+    pub checks: Result<Vec<Check>, ProviderError>,
+    /// None where it could not be asked.
+    pub standing: Option<Standing>,
+    /// What the windows that the matrix file has for it take on its disk, in bytes; none without a file, or without a plan of it.
+    pub to_come_bytes: Option<u64>,
+}
+
+/// What a host is like at the moment.
+pub struct Standing {
+    /// The number of the user whose rights are used there.
+    pub uid: u32,
+    /// Free space on the disk with its state folder, in bytes.
+    pub free_bytes: u64,
+    /// Its clock beside this machine's.
+    pub clock: ClockReading,
+}
+
+impl Standing {
+    async fn of(host: &Arc<dyn Host>) -> Option<Self> {
+        let (clock, said) = ClockReading::of(&AgentClient::new(Arc::clone(host))).await.ok()?;
+        Some(Self {
+            uid: said.uid,
+            free_bytes: said.free_bytes,
+            clock,
+        })
+    }
+}
+
+/// Asks this machine for everything.
+pub async fn of_this_machine(catalogue: Catalogue) -> Examination {
+    let here: Arc<dyn Host> = Arc::new(Here::new(THIS_MACHINE, StateDirectory::of_this_user()));
+    let providers = Providers::new(catalogue, ProviderSettings::default(), [Arc::clone(&here)]);
+    ask(&here, &providers).await
+}
+
+/// Asks each host of a matrix file for everything, one after another.
+///
+/// # Errors
+/// All that is wrong with the file. What is wrong with its scenarios is none: the examinations are then without
+/// `to_come_bytes`.
+pub async fn of_hosts(path: &Path, catalogue: Catalogue) -> Result<Vec<Examination>, PreparationError> {
+    let file = MatrixFile::read(path, None, catalogue).map_err(PreparationError::File)?;
+    let providers = survey::providers(&file);
+    let mut answers = Vec::new();
+    for host in providers.hosts() {
+        answers.push(ask(host, &providers).await);
+    }
+    foresee(&file, &mut answers);
+    Ok(answers)
+}
+
+async fn ask(host: &Arc<dyn Host>, providers: &Providers) -> Examination {
+    let name = host.name().to_owned();
+    let mut facts = survey::identity(Arc::clone(host)).await;
+    let defaults = Need::of(&Settings::default());
+    let checks = AgentClient::new(Arc::clone(host)).check(&defaults).await;
+    if facts.obstacle.is_none() {
+        let everything = providers
+            .catalogue()
+            .names()
+            .map(|name| (name.to_owned(), Need::each().into_iter().collect()))
+            .collect();
+        facts.providers = survey::ask(&name, everything, providers).await;
+    }
+    Examination {
+        name,
+        facts,
+        checks: checks.map(|record| record.checks),
+        standing: Standing::of(host).await,
+        to_come_bytes: None,
+    }
+}
+
+/// What is to come on each host, if all that can run there does.
+fn foresee(file: &MatrixFile, answers: &mut [Examination]) {
+    let facts = answers
+        .iter()
+        .map(|answer| (answer.name.clone(), answer.facts.clone()))
+        .collect();
+    // What is wrong with the scenarios is for `check` and `plan` to report.
+    let Ok(plan) = plan::plan(file, &facts, &Selection::default(), Order::default(), 0) else {
+        return;
+    };
+    for answer in answers {
+        let runs_there = |it: &&PlannedScenario| it.runs() && it.host.as_ref() == Some(&answer.name);
+        let scenarios = plan.record.scenarios.iter().filter(runs_there);
+        let bytes =
+            scenarios.map(|it| disk_space::windows_take(&it.settings, it.settings.all_windows() as usize));
+        answer.to_come_bytes = Some(bytes.sum());
+    }
+}

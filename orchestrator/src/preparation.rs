@@ -1,0 +1,189 @@
+//! From a matrix file to its plan, without a terminal: what `matrix plan`, `matrix run` and `matrix check` have in common. The
+//! main function is [`prepare`].
+//!
+//! ```text
+//! file -> what the hosts are -> the matrix expanded, once -> what the hosts can do for its scenarios -> plan
+//! ```
+
+use std::{collections::BTreeMap, path::Path};
+
+use crate::{
+    matrix_file::{Diagnostics, MatrixFile},
+    plan::{self, ExpandedMatrix, HostFacts, Plan, Selection, order::Order},
+    provider::{Catalogue, Providers},
+    survey,
+};
+
+/// Which plan is wanted.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct PlanRequest<'a> {
+    /// The matrix file.
+    pub file: &'a Path,
+    /// The profile of the file that is applied, if any.
+    pub profile: Option<&'a str>,
+    /// The scenarios that run.
+    pub selection: Selection,
+    /// How they are put in order.
+    pub order: Order,
+    /// The seed of the order.
+    pub seed: u64,
+}
+
+impl<'a> PlanRequest<'a> {
+    /// All scenarios of a file without a profile, in the default order.
+    #[must_use]
+    pub fn new(file: &'a Path) -> Self {
+        Self {
+            file,
+            profile: None,
+            selection: Selection::default(),
+            order: Order::default(),
+            seed: 0,
+        }
+    }
+}
+
+/// A matrix file and its plan for the hosts as they are now.
+pub struct Prepared {
+    /// The file.
+    pub file: MatrixFile,
+    /// The plan, with what is odd in the file.
+    pub plan: Plan,
+    /// The hosts and providers that were asked.
+    pub providers: Providers,
+    /// What is known of the hosts, by their names.
+    pub facts: BTreeMap<String, HostFacts>,
+}
+
+/// Why there is no plan.
+#[derive(Debug, thiserror::Error)]
+pub enum PreparationError {
+    /// The file cannot be read, or its text is wrong whatever the hosts are.
+    #[error(transparent)]
+    File(Diagnostics),
+    /// The scenarios are wrong: together, for the hosts, or for the selection.
+    #[error(transparent)]
+    Plan(Diagnostics),
+}
+
+impl PreparationError {
+    /// All that is wrong.
+    #[must_use]
+    pub fn into_mistakes(self) -> Diagnostics {
+        match self {
+            Self::File(mistakes) | Self::Plan(mistakes) => mistakes,
+        }
+    }
+}
+
+/// Reads a matrix file, asks its hosts what they are and what its scenarios need, and plans.
+///
+/// # Errors
+/// All that is wrong with the file, or with its scenarios. That a host does not answer is none.
+pub async fn prepare(request: &PlanRequest<'_>, catalogue: Catalogue) -> Result<Prepared, PreparationError> {
+    let file = MatrixFile::read(request.file, request.profile, catalogue).map_err(PreparationError::File)?;
+    let providers = survey::providers(&file);
+    let mut facts = survey::identities(&providers).await;
+    let matrix = ExpandedMatrix::of(&file, &facts).map_err(PreparationError::Plan)?;
+    survey::ask_hosts(&mut facts, matrix.questions(), &providers).await;
+    let plan = matrix
+        .plan(&facts, &request.selection, request.order, request.seed)
+        .map_err(PreparationError::Plan)?;
+    Ok(Prepared {
+        file,
+        plan,
+        providers,
+        facts,
+    })
+}
+
+/// Reads a matrix file and plans with what is known without asking: no host is reached, and nothing is started.
+///
+/// # Errors
+/// All that is wrong with the file, or with its scenarios.
+pub fn prepare_offline(request: &PlanRequest<'_>, catalogue: Catalogue) -> Result<Plan, PreparationError> {
+    let file = MatrixFile::read(request.file, request.profile, catalogue).map_err(PreparationError::File)?;
+    let facts = survey::unasked(&file);
+    plan::plan(&file, &facts, &request.selection, request.order, request.seed).map_err(PreparationError::Plan)
+}
+
+#[cfg(test)]
+mod tests {
+    use std::{fs, path::PathBuf};
+
+    use tempfile::TempDir;
+
+    use super::*;
+    use crate::provider::{Making, Provider, ProviderError, ProviderKind};
+
+    /// A provider that must not be made.
+    static UNTOUCHED: [ProviderKind; 1] = [ProviderKind::new("untouched", never)];
+
+    fn never(_: &Making<'_>) -> Result<Box<dyn Provider>, ProviderError> {
+        panic!("a provider is made only to be asked")
+    }
+
+    fn written(text: &str) -> (PathBuf, TempDir) {
+        let folder = tempfile::tempdir().unwrap();
+        let file = folder.path().join("matrix.yaml");
+        fs::write(&file, text).unwrap();
+        (file, folder)
+    }
+
+    #[tokio::test]
+    async fn a_program_plans_for_the_fake_platform_without_a_terminal() {
+        let (file, _folder) = written(
+            "matrix: {virtualization: [fake], network.seed: [1, 2]}\n\
+             profiles: {quick: {workload: {window: 800s}}}\n",
+        );
+        let request = PlanRequest {
+            profile: Some("quick"),
+            selection: Selection {
+                skip: vec!["b".to_owned()],
+                ..Selection::default()
+            },
+            ..PlanRequest::new(&file)
+        };
+        let prepared = prepare(&request, Catalogue::default()).await.unwrap();
+        let record = &prepared.plan.record;
+        assert_eq!(record.order, ["a"]);
+        assert!(
+            record.scenarios.iter().all(|it| it.feasible && it.simulated),
+            "{record:?}"
+        );
+        assert_eq!(prepared.file.profile.as_deref(), Some("quick"));
+        // What a run begins with: the host, what it answered, and the provider that was asked.
+        let asked: Vec<_> = prepared.facts["local"].providers.keys().collect();
+        assert_eq!(asked, ["fake"]);
+        assert!(prepared.providers.of("fake", "local").is_ok());
+    }
+
+    #[test]
+    fn offline_a_plan_reaches_no_host_and_makes_no_provider() {
+        let (file, _folder) = written(
+            "hosts: {far: {hardware: x, os: y, connect: {ssh: nobody@far.invalid}}}\n\
+             matrix: {virtualization: [untouched]}\n",
+        );
+        let catalogue = Catalogue::with(&UNTOUCHED).unwrap();
+        let plan = prepare_offline(&PlanRequest::new(&file), catalogue).unwrap();
+        assert_eq!(plan.record.scenarios[0].host.as_deref(), Some("far"));
+        assert!(plan.record.scenarios[0].feasible && plan.silent.is_empty());
+    }
+
+    #[tokio::test]
+    async fn an_error_is_of_the_file_or_of_its_scenarios() {
+        let (file, _folder) = written("matirx: {}\n");
+        let wrong = prepare(&PlanRequest::new(&file), Catalogue::default()).await;
+        assert!(matches!(wrong, Err(PreparationError::File(_))));
+        let (file, _folder) = written("matrix: {virtualization: [fake]}\n");
+        let request = PlanRequest {
+            selection: Selection {
+                only: vec!["nothing".to_owned()],
+                ..Selection::default()
+            },
+            ..PlanRequest::new(&file)
+        };
+        let wrong = prepare(&request, Catalogue::default()).await;
+        assert!(matches!(wrong, Err(PreparationError::Plan(_))));
+    }
+}

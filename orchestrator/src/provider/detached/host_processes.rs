@@ -1,0 +1,136 @@
+//! What every provider does whose workload is a process of its host. The main type is [`HostProcesses`].
+
+use std::sync::Arc;
+
+use record::{
+    detached::ListedEnvironment,
+    run_directory::{Resource, fact},
+};
+use serde_json::{Map, Value, json};
+
+use super::{AgentClient, ClockReading, DetachedEnvironment};
+use crate::{
+    host::{Host, Program},
+    provider::{Environment, EnvironmentRequest, Leftover, ProviderError},
+};
+
+/// The kind of an environment's folder, with which its process ends.
+pub(crate) const DIRECTORY: &str = "directory";
+
+/// The environments of one provider on one host: a folder each, and a process that the agent keeps.
+pub struct HostProcesses {
+    provider: &'static str,
+    /// What is called on the host.
+    pub agent: Arc<AgentClient>,
+    facts: Map<String, Value>,
+}
+
+impl HostProcesses {
+    /// Of the provider with that name, with what explains its environments beside its name and the workload's SHA-256.
+    #[must_use]
+    pub fn new(provider: &'static str, host: Arc<dyn Host>, facts: Map<String, Value>) -> Self {
+        Self {
+            provider,
+            agent: Arc::new(AgentClient::new(host)),
+            facts,
+        }
+    }
+
+    /// Something of that kind and name on the host.
+    #[must_use]
+    pub fn resource(&self, kind: &str, name: &str) -> Resource {
+        Resource {
+            host: self.agent.host().to_owned(),
+            kind: kind.to_owned(),
+            name: name.to_owned(),
+        }
+    }
+
+    /// The environment's folder.
+    #[must_use]
+    pub fn directory(&self, environment: &str) -> Resource {
+        self.resource(DIRECTORY, environment)
+    }
+
+    /// For [`Provider::create`](crate::provider::Provider::create).
+    ///
+    /// # Errors
+    /// When there is an environment of that name already, or the host refuses.
+    pub async fn create(&self, request: &EnvironmentRequest) -> Result<Box<dyn Environment>, ProviderError> {
+        let (clock, _) = ClockReading::of(&self.agent).await?;
+        self.agent.start(self.provider, request).await?;
+        self.environment(request, clock, true).await
+    }
+
+    /// For [`Provider::find`](crate::provider::Provider::find).
+    ///
+    /// # Errors
+    /// When the host cannot be asked.
+    pub async fn find(
+        &self,
+        request: &EnvironmentRequest,
+    ) -> Result<Option<Box<dyn Environment>>, ProviderError> {
+        let listed = self.agent.list().await?.environments;
+        let is_it = |it: &&ListedEnvironment| it.started && it.environment == request.environment;
+        let Some(found) = listed.iter().find(is_it) else {
+            return Ok(None);
+        };
+        let (clock, _) = ClockReading::of(&self.agent).await?;
+        self.environment(request, clock, found.running).await.map(Some)
+    }
+
+    async fn environment(
+        &self,
+        request: &EnvironmentRequest,
+        clock: ClockReading,
+        running: bool,
+    ) -> Result<Box<dyn Environment>, ProviderError> {
+        let sha256 = &self.agent.deployed().await?.sha256;
+        let mut facts = Map::from_iter([
+            (fact::PROVIDER.to_owned(), json!(self.provider)),
+            (fact::WORKLOAD_SHA256.to_owned(), json!(sha256)),
+        ]);
+        facts.extend(self.facts.clone());
+        let agent = Arc::clone(&self.agent);
+        Ok(Box::new(DetachedEnvironment::new(
+            agent, request, facts, clock, running,
+        )))
+    }
+
+    /// A shell in the environment's folder.
+    ///
+    /// # Errors
+    /// When the host cannot be asked.
+    pub async fn shell(&self, environment: &str) -> Result<Program, ProviderError> {
+        let folder = self.agent.deployed().await?.environments.join(environment);
+        let script = r#"cd "$1" && exec "${SHELL:-/bin/sh}""#;
+        let arguments = ["-c".into(), script.into(), "sh".into(), folder.into_os_string()];
+        Ok(Program::new("sh", arguments))
+    }
+
+    /// Those of the listed environments that this provider made. A folder whose owner was never written has none: it is
+    /// `native`'s to remove.
+    pub fn leftovers(&self, listed: Vec<ListedEnvironment>) -> impl Iterator<Item = Leftover> {
+        listed.into_iter().filter_map(|it| {
+            let owner = it.owner.filter(|owner| owner.provider == self.provider)?;
+            Some(Leftover {
+                run: Some(owner.run),
+                run_directory: Some(owner.run_directory),
+                scenario: Some(owner.scenario),
+                ..self.leftover(DIRECTORY, &it.environment, it.running)
+            })
+        })
+    }
+
+    /// Something that was left behind; which run had it is not known.
+    #[must_use]
+    pub fn leftover(&self, kind: &str, name: &str, running: bool) -> Leftover {
+        Leftover {
+            resource: self.resource(kind, name),
+            run: None,
+            run_directory: None,
+            scenario: None,
+            running,
+        }
+    }
+}

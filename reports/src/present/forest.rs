@@ -1,0 +1,222 @@
+//! The shifts of all pairs of the family beside each other, each with the interval that holds for all at once, and the band that does
+//! not matter: what a reader sees before any count. The main type is [`Forest`]; [`figure::forest`](super::figure) draws it and
+//! [`Forest::text`] is it for a terminal.
+
+use statistics::effect::Interval;
+
+use crate::analysis::{contrast::Contrast, report::Report};
+
+/// Pairs that are drawn.
+const MOST_DRAWN: usize = 60;
+
+/// The shifts of the pairs of a family, in millimetres.
+#[derive(Debug, Clone, PartialEq)]
+pub(crate) struct Forest {
+    /// In the order of the family; never empty.
+    pub(crate) rows: Vec<Row>,
+    /// Pairs that are not drawn: those with the smallest shifts.
+    pub(crate) left_out: usize,
+    /// The equivalence margin.
+    pub(crate) margin_mm: Option<f64>,
+    /// The confidence of each simultaneous interval, 0 to 1.
+    pub(crate) confidence: f64,
+}
+
+/// One pair.
+#[derive(Debug, Clone, PartialEq)]
+pub(crate) struct Row {
+    /// Both letters.
+    pub(crate) name: String,
+    pub(crate) shift_mm: f64,
+    /// The interval of the pair by itself; none with a single window.
+    pub(crate) each_mm: Option<(f64, f64)>,
+    /// The interval that holds for all pairs at once; none where so few windows cannot have it.
+    pub(crate) all_mm: Option<(f64, f64)>,
+}
+
+impl Row {
+    fn of(pair: &Contrast) -> Self {
+        let millimetres = |interval: Interval| (interval.low * 1e3, interval.high * 1e3);
+        Self {
+            name: format!("{}–{}", pair.a, pair.b),
+            shift_mm: pair.effect.shift_m.value * 1e3,
+            each_mm: pair.effect.shift_m.interval.map(millimetres),
+            all_mm: pair.simultaneous_m.map(millimetres),
+        }
+    }
+}
+
+impl Forest {
+    /// None where no pair of the family has data.
+    pub(crate) fn of(report: &Report) -> Option<Self> {
+        let pairs = &report.contrasts.pairs;
+        let mut sizes: Vec<f64> = pairs.iter().map(|pair| pair.effect.shift_m.value.abs()).collect();
+        sizes.sort_by(|a, b| b.total_cmp(a));
+        let smallest_drawn = sizes.get(MOST_DRAWN - 1).copied().unwrap_or(0.0);
+        let drawn = pairs
+            .iter()
+            .filter(|pair| pair.effect.shift_m.value.abs() >= smallest_drawn);
+        let rows: Vec<Row> = drawn.map(Row::of).take(MOST_DRAWN).collect();
+        let margin = report.settings.equivalence_margin;
+        (!rows.is_empty()).then(|| Self {
+            left_out: pairs.len() - rows.len(),
+            rows,
+            margin_mm: margin.map(|margin| margin.metres() * 1e3),
+            confidence: report.contrasts.simultaneous_confidence(&report.settings),
+        })
+    }
+
+    /// From the lowest to the highest of all that is drawn and 0, with some room.
+    pub(crate) fn range_mm(&self) -> (f64, f64) {
+        let of_row = |row: &Row| {
+            let ends = [row.each_mm, row.all_mm].into_iter().flatten();
+            let mut values = vec![row.shift_mm];
+            values.extend(ends.flat_map(|(low, high)| [low, high]));
+            values
+        };
+        let margins = self.margin_mm.into_iter().flat_map(|margin| [-margin, margin]);
+        let values: Vec<f64> = self.rows.iter().flat_map(of_row).chain(margins).collect();
+        let low = values.iter().copied().fold(0.0, f64::min);
+        let high = values.iter().copied().fold(0.0, f64::max);
+        let room = if high > low { 0.04 * (high - low) } else { 1.0 };
+        (low - room, high + room)
+    }
+
+    /// What is drawn, in a sentence or two.
+    pub(crate) fn caption(&self) -> String {
+        let confidence = percent(self.confidence);
+        let all = match self.rows.iter().any(|row| row.all_mm.is_some()) {
+            true => format!("Thin: the interval of {confidence} that holds for all pairs at once"),
+            false => {
+                format!("None holds for all pairs at once: so few windows cannot have one of {confidence}")
+            }
+        };
+        let band = self.margin_mm.map_or_else(
+            || "no band that does not matter is declared (`report.equivalence_margin`)".to_owned(),
+            |margin| format!("the band of ±{margin} mm does not matter"),
+        );
+        let left_out = match self.left_out {
+            0 => String::new(),
+            some => format!(" Not drawn: the {} with the smallest shifts.", pairs(some)),
+        };
+        format!(
+            "By how much the window means of the second scenario are larger. Thick: the interval of each pair by itself. {all}; \
+             {band}.{left_out}"
+        )
+    }
+
+    /// The same for a terminal so many columns wide: `=` the interval of each pair, `-` the one for all at once, `o` the shift, `|`
+    /// no shift, and `:` the margin.
+    pub(crate) fn text(&self, width: usize) -> String {
+        let name_width = self
+            .rows
+            .iter()
+            .map(|row| row.name.chars().count())
+            .max()
+            .unwrap_or(0);
+        let numbers: Vec<String> = self
+            .rows
+            .iter()
+            .map(|row| format!("{:+.3}", row.shift_mm))
+            .collect();
+        let number_width = numbers.iter().map(String::len).max().unwrap_or(0);
+        let columns = width.saturating_sub(name_width + number_width + 4).max(11);
+        let (low, high) = self.range_mm();
+        let place = |value: f64| {
+            let share = (value - low) / (high - low);
+            ((share * (columns - 1) as f64).round() as usize).min(columns - 1)
+        };
+        let line = |row: &Row| {
+            let mut cells = vec![' '; columns];
+            let mut fill = |interval: Option<(f64, f64)>, with: char| {
+                if let Some((from, to)) = interval {
+                    cells[place(from)..=place(to)].fill(with);
+                }
+            };
+            fill(row.all_mm, '-');
+            fill(row.each_mm, '=');
+            for margin in self.margin_mm.into_iter().flat_map(|margin| [-margin, margin]) {
+                cells[place(margin)] = ':';
+            }
+            cells[place(0.0)] = '|';
+            cells[place(row.shift_mm)] = 'o';
+            String::from_iter(cells)
+        };
+        let lines = self.rows.iter().zip(&numbers).map(|(row, number)| {
+            let line = format!("{:name_width$}  {number:>number_width$}  {}", row.name, line(row));
+            line.trim_end().to_owned()
+        });
+        lines.collect::<Vec<_>>().join("\n")
+    }
+}
+
+fn pairs(count: usize) -> String {
+    match count {
+        1 => "1 pair".to_owned(),
+        many => format!("{many} pairs"),
+    }
+}
+
+/// With as many places as tell it from 100 %.
+pub(crate) fn percent(confidence: f64) -> String {
+    let places = (-(1.0 - confidence).log10()).ceil().clamp(2.0, 8.0) as usize - 1;
+    let text = format!("{:.places$}", confidence * 100.0);
+    let text = if text.contains('.') {
+        text.trim_end_matches('0').trim_end_matches('.')
+    } else {
+        &text
+    };
+    format!("{text} %")
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn forest() -> Forest {
+        let row = |name: &str, shift_mm: f64, each: f64, all: Option<f64>| Row {
+            name: name.to_owned(),
+            shift_mm,
+            each_mm: Some((shift_mm - each, shift_mm + each)),
+            all_mm: all.map(|all| (shift_mm - all, shift_mm + all)),
+        };
+        Forest {
+            rows: vec![row("a–b", 0.5, 1.0, Some(2.0)), row("a–ca", 6.0, 1.0, None)],
+            left_out: 0,
+            margin_mm: Some(2.0),
+            confidence: 0.9995,
+        }
+    }
+
+    #[test]
+    fn a_terminal_shows_the_shift_both_intervals_no_shift_and_the_margin() {
+        let text = forest().text(42);
+        let lines: Vec<&str> = text.lines().collect();
+        assert!(lines.iter().all(|line| line.chars().count() <= 42), "{text}");
+        assert_eq!(
+            lines,
+            [
+                "a–b   +0.500   :---==|o===:-",
+                "a–ca  +6.000   :     |    :       ===o==="
+            ]
+        );
+    }
+
+    #[test]
+    fn its_range_has_all_ends_and_no_shift_in_it() {
+        let (low, high) = forest().range_mm();
+        assert!(
+            low < -2.0 && low > -3.0 && high > 7.0 && high < 8.0,
+            "{low} {high}"
+        );
+    }
+
+    #[rstest::rstest]
+    #[case(0.95, "95 %")]
+    #[case(0.999, "99.9 %")]
+    #[case(1.0 - 0.05 / 36.0, "99.86 %")]
+    #[case(1.0 - 0.001 / 36.0, "99.9972 %")]
+    fn a_confidence_is_told_from_certainty(#[case] confidence: f64, #[case] text: &str) {
+        assert_eq!(percent(confidence), text);
+    }
+}

@@ -1,0 +1,323 @@
+//! How the program `workload` is called, as the types that it parses its command line into. Whoever calls it makes the command
+//! line of the same types, so that no option is written in two places. The main types are [`Run`], [`Check`] and [`Detached`].
+
+use std::{ffi::OsString, path::PathBuf};
+
+use clap::{Args, Subcommand};
+
+use crate::{quantity::TimeSpan, settings::Settings};
+
+/// The words by which a workload is found in the list of processes.
+pub mod word {
+    /// The command [`Run`](super::Run).
+    pub const RUN: &str = "run";
+    /// The commands [`Detached`](super::Detached).
+    pub const DETACHED: &str = "detached";
+    /// Of them, [`Supervise`](super::Detached::Supervise).
+    pub const SUPERVISE: &str = "supervise";
+    /// Of them, [`Lease`](super::Detached::Lease).
+    pub const LEASE: &str = "lease";
+    /// The option for the name of an environment.
+    pub const ENVIRONMENT: &str = "environment";
+    /// The option for the folder of the data.
+    pub const DATA: &str = "data";
+    /// The option for the folder of environments.
+    pub const ROOT: &str = "root";
+    /// The option for the file of a lease.
+    pub const PATH: &str = "path";
+}
+
+const CHECK: &str = "check";
+const SETTINGS: &str = "settings";
+const WINDOWS: &str = "windows";
+const FROM: &str = "from";
+const GRACE: &str = "grace";
+const BEAT: &str = "beat";
+
+/// `workload run`: measures windows.
+#[derive(Debug, Clone, PartialEq, Eq, Args)]
+pub struct Run {
+    /// Name of the environment, kept with each window.
+    #[arg(long = word::ENVIRONMENT)]
+    pub environment: String,
+    /// The settings, as JSON; what is left out is as its `dynamics` has it.
+    #[arg(long = SETTINGS, default_value = "{}")]
+    pub settings: String,
+    /// Folder for the data; made if it is not there.
+    #[arg(long = word::DATA)]
+    pub data: PathBuf,
+    /// Numbers of the windows to measure.
+    #[arg(long = WINDOWS, value_delimiter = ',', required = true, value_parser = clap::value_parser!(u32).range(1..))]
+    pub windows: Vec<u32>,
+}
+
+/// `workload check`: reports whether the experiment can run there. It prints a [`CheckRecord`](crate::check::CheckRecord).
+#[derive(Debug, Clone, PartialEq, Eq, Args)]
+pub struct Check {
+    /// The settings, as JSON; what is left out is as its `dynamics` has it.
+    #[arg(long = SETTINGS, default_value = "{}")]
+    pub settings: String,
+}
+
+/// `workload detached`: a workload that outlives the call that started it. [`crate::detached`] has what each command reads and
+/// answers.
+#[derive(Debug, Clone, PartialEq, Eq, Subcommand)]
+pub enum Detached {
+    /// Make an environment and start its workload, which outlives this call. Standard input has its owner and settings.
+    Start(Which),
+    /// The workload's supervisor, as `start` starts it. Standard input has the settings.
+    #[command(hide = true, name = word::SUPERVISE)]
+    Supervise(Which),
+    /// Print the workload's lines until it has ended.
+    Follow(Follow),
+    /// Report whether the workload runs, how it ended and what it printed last.
+    Ended(Which),
+    /// Ask the workload to end in order.
+    Stop(Which),
+    /// End the workload and remove the environment.
+    Remove(Remove),
+    /// List the environments, and the bridges that killed workloads left in Open vSwitch.
+    List(Root),
+    /// Remove such a bridge.
+    RemoveBridge {
+        /// Its name, as `list` prints it.
+        name: String,
+    },
+    /// Send the data folder as LZ4 of tar. Standard input has how much of each file is already there.
+    Collect(Which),
+    /// Hold a lease until standard input ends. Its first line says who asks.
+    #[command(name = word::LEASE)]
+    Lease(Lease),
+    /// Report what the host is, how much room its disk has and what time it is.
+    Platform(Root),
+}
+
+/// Where environments are.
+#[derive(Debug, Clone, PartialEq, Eq, Args)]
+pub struct Root {
+    /// The folder that has a folder for each environment.
+    #[arg(long = word::ROOT)]
+    pub root: PathBuf,
+}
+
+/// Which environment.
+#[derive(Debug, Clone, PartialEq, Eq, Args)]
+pub struct Which {
+    /// Where it is.
+    #[command(flatten)]
+    pub root: Root,
+    /// Its name.
+    #[arg(long = word::ENVIRONMENT)]
+    pub environment: String,
+}
+
+/// From where on lines are printed.
+#[derive(Debug, Clone, PartialEq, Eq, Args)]
+pub struct Follow {
+    /// Of which environment.
+    #[command(flatten)]
+    pub which: Which,
+    /// How many bytes of them are known already.
+    #[arg(long = FROM, default_value_t = 0)]
+    pub from: u64,
+}
+
+/// What is removed, and how.
+#[derive(Debug, Clone, PartialEq, Eq, Args)]
+pub struct Remove {
+    /// Which environment.
+    #[command(flatten)]
+    pub which: Which,
+    /// How long the workload may take to end in order before it is ended by force.
+    #[arg(long = GRACE, default_value = "10s")]
+    pub grace: TimeSpan,
+}
+
+/// Which lease.
+#[derive(Debug, Clone, PartialEq, Eq, Args)]
+pub struct Lease {
+    /// The file whose lock it is; made if it is not there.
+    #[arg(long = word::PATH)]
+    pub path: PathBuf,
+    /// End when nothing, not even an empty line, has come on standard input for that long.
+    #[arg(long = BEAT, default_value = "5min")]
+    pub beat: TimeSpan,
+}
+
+impl Run {
+    /// Measures these windows with these settings.
+    #[must_use]
+    pub fn of(environment: &str, settings: &Settings, data: PathBuf, windows: &[u32]) -> Self {
+        Self {
+            environment: environment.to_owned(),
+            settings: json(settings),
+            data,
+            windows: windows.to_vec(),
+        }
+    }
+
+    /// The arguments of the program.
+    #[must_use]
+    pub fn arguments(&self) -> Vec<OsString> {
+        let windows: Vec<String> = self.windows.iter().map(u32::to_string).collect();
+        Arguments::of(word::RUN)
+            .option(word::ENVIRONMENT, &self.environment)
+            .option(SETTINGS, &self.settings)
+            .option(word::DATA, &self.data)
+            .option(WINDOWS, windows.join(","))
+            .0
+    }
+}
+
+impl Check {
+    /// Checks these settings.
+    #[must_use]
+    pub fn of(settings: &Settings) -> Self {
+        Self {
+            settings: json(settings),
+        }
+    }
+
+    /// The arguments of the program.
+    #[must_use]
+    pub fn arguments(&self) -> [String; 3] {
+        [CHECK.to_owned(), format!("--{SETTINGS}"), self.settings.clone()]
+    }
+}
+
+impl Detached {
+    /// The command's name.
+    #[must_use]
+    pub const fn name(&self) -> &'static str {
+        match self {
+            Self::Start(_) => "start",
+            Self::Supervise(_) => word::SUPERVISE,
+            Self::Follow(_) => "follow",
+            Self::Ended(_) => "ended",
+            Self::Stop(_) => "stop",
+            Self::Remove(_) => "remove",
+            Self::List(_) => "list",
+            Self::RemoveBridge { .. } => "remove-bridge",
+            Self::Collect(_) => "collect",
+            Self::Lease(_) => word::LEASE,
+            Self::Platform(_) => "platform",
+        }
+    }
+
+    /// The arguments of the program.
+    #[must_use]
+    pub fn arguments(&self) -> Vec<OsString> {
+        let begun = Arguments::of(word::DETACHED).value(self.name());
+        match self {
+            Self::Start(which)
+            | Self::Supervise(which)
+            | Self::Ended(which)
+            | Self::Stop(which)
+            | Self::Collect(which) => begun.which(which),
+            Self::Follow(call) => begun.which(&call.which).option(FROM, call.from.to_string()),
+            Self::Remove(call) => begun.which(&call.which).option(GRACE, call.grace.to_string()),
+            Self::List(root) | Self::Platform(root) => begun.option(word::ROOT, &root.root),
+            Self::RemoveBridge { name } => begun.value(name),
+            Self::Lease(call) => begun
+                .option(word::PATH, &call.path)
+                .option(BEAT, call.beat.to_string()),
+        }
+        .0
+    }
+}
+
+/// Arguments as they are put together.
+struct Arguments(Vec<OsString>);
+
+impl Arguments {
+    fn of(command: &str) -> Self {
+        Self(vec![command.into()])
+    }
+
+    fn value(mut self, value: &str) -> Self {
+        self.0.push(value.into());
+        self
+    }
+
+    fn option(mut self, name: &str, value: impl Into<OsString>) -> Self {
+        self.0.extend([format!("--{name}").into(), value.into()]);
+        self
+    }
+
+    fn which(self, which: &Which) -> Self {
+        self.option(word::ROOT, &which.root.root)
+            .option(word::ENVIRONMENT, &which.environment)
+    }
+}
+
+/// Settings are plain data: they can always be written.
+fn json(settings: &Settings) -> String {
+    serde_json::to_string(settings).unwrap_or_default()
+}
+
+#[cfg(test)]
+mod tests {
+    use clap::Parser;
+    use rstest::rstest;
+
+    use super::*;
+    use crate::settings::Dynamics;
+
+    #[derive(Debug, PartialEq, Parser)]
+    struct Call {
+        #[command(subcommand)]
+        command: Command,
+    }
+
+    #[derive(Debug, PartialEq, Subcommand)]
+    enum Command {
+        Run(Run),
+        Check(Check),
+        #[command(subcommand)]
+        Detached(Detached),
+    }
+
+    fn parsed(arguments: impl IntoIterator<Item = impl Into<OsString>>) -> Command {
+        let program = OsString::from("workload");
+        let all = std::iter::once(program).chain(arguments.into_iter().map(Into::into));
+        Call::try_parse_from(all).unwrap().command
+    }
+
+    fn root() -> Root {
+        Root {
+            root: "/some where".into(),
+        }
+    }
+
+    fn which() -> Which {
+        Which {
+            root: root(),
+            environment: "e-1".into(),
+        }
+    }
+
+    #[test]
+    fn a_run_is_read_as_it_was_called() {
+        let settings = Settings::of(Dynamics::default());
+        let run = Run::of("e-1", &settings, "/d a".into(), &[1, 2, 7]);
+        assert_eq!(parsed(run.arguments()), Command::Run(run));
+        let check = Check::of(&settings);
+        assert_eq!(parsed(check.arguments()), Command::Check(check));
+    }
+
+    #[rstest]
+    #[case(Detached::Start(which()))]
+    #[case(Detached::Supervise(which()))]
+    #[case(Detached::Follow(Follow { which: which(), from: 7 }))]
+    #[case(Detached::Ended(which()))]
+    #[case(Detached::Stop(which()))]
+    #[case(Detached::Remove(Remove { which: which(), grace: TimeSpan::from_secs(3) }))]
+    #[case(Detached::List(root()))]
+    #[case(Detached::RemoveBridge { name: "m1-s1".into() })]
+    #[case(Detached::Collect(which()))]
+    #[case(Detached::Lease(Lease { path: "/l".into(), beat: TimeSpan::from_secs(90) }))]
+    #[case(Detached::Platform(root()))]
+    fn a_command_is_read_as_it_was_called(#[case] call: Detached) {
+        assert_eq!(parsed(call.arguments()), Command::Detached(call));
+    }
+}

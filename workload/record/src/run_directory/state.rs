@@ -1,0 +1,600 @@
+//! Where a run stands, from its journal alone. The main type is [`RunState`]: the one fold of the journal. What a command, a report or
+//! a resumed run knows of a run beside its plan and its files, it knows from here.
+
+use std::{
+    collections::{BTreeMap, BTreeSet},
+    ops::RangeInclusive,
+};
+
+use super::{Event, JournalEntry, Outcome, PlanRecord};
+use crate::progress::Progress;
+
+/// Where a run stands.
+#[derive(Debug, Clone, Default, PartialEq)]
+pub struct RunState {
+    /// By slug; a scenario that was never started is not in it.
+    pub scenarios: BTreeMap<String, ScenarioState>,
+    /// Whether all scenarios have an outcome.
+    pub finished: bool,
+    /// SHA-256 of `manifest.json`, in hexadecimal; none in runs of earlier versions.
+    pub manifest_sha256: Option<String>,
+    /// That of `plan.json`.
+    pub plan_sha256: Option<String>,
+}
+
+/// Where a scenario stands.
+#[derive(Debug, Clone, Default, PartialEq)]
+pub struct ScenarioState {
+    /// By their number; one that was never started is not in it.
+    pub rounds: BTreeMap<u32, RoundState>,
+    /// Windows that are whole in the run directory.
+    pub collected: BTreeMap<u32, Collected>,
+    /// Windows that the workload has completed, collected or not.
+    pub completed: BTreeSet<u32>,
+    /// For how long nothing was heard of its workload when that was told last, in seconds.
+    pub silent_for_s: Option<u64>,
+    /// The environments that were kept, as it was wished, and are not known to be gone.
+    pub kept: BTreeSet<String>,
+    /// How many environments were begun.
+    pub attempts: u32,
+    /// The providers of its environments.
+    pub providers: BTreeSet<String>,
+    /// Each environment that was made, in the order in which they were.
+    pub made: Vec<MadeEnvironment>,
+    /// Windows that broke, whether or not they were measured again.
+    pub broken: Vec<BrokenWindow>,
+    /// SHA-256 of each environment's `environment.json`, as often as it was written, in hexadecimal: a crash may have left either.
+    environment_sha256s: BTreeSet<String>,
+}
+
+/// Where a scenario stands in one round, which has one environment of it, or several if the first was lost.
+#[derive(Debug, Clone, Default, PartialEq)]
+pub struct RoundState {
+    /// Whether work on it ever began.
+    pub started: bool,
+    /// How it ended, last time; none while it is worked on, and where a window of it is to be measured again.
+    pub outcome: Option<Outcome>,
+    /// Why, if not completed.
+    pub reason: Option<String>,
+    /// What to do about it.
+    pub hint: Option<String>,
+    /// The environment that was created, or was about to be, and is not known to be gone.
+    pub open: Option<OpenEnvironment>,
+    /// The windows that were wanted of it.
+    windows: BTreeSet<u32>,
+}
+
+/// A window that is whole in the run directory.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct Collected {
+    /// The environment that measured it.
+    pub environment: String,
+    /// SHA-256 of its `window.json`, if it is known.
+    pub sha256: Option<String>,
+}
+
+/// An environment that was made, and when, RFC 3339.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct MadeEnvironment {
+    /// Its name.
+    pub environment: String,
+    /// When that began; none where the journal does not have it.
+    pub begun: Option<String>,
+    /// When it existed.
+    pub done: String,
+}
+
+/// A window that broke, kept aside.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct BrokenWindow {
+    /// Its number.
+    pub window: u32,
+    /// The environment that measured it.
+    pub environment: String,
+    /// Why.
+    pub reason: String,
+}
+
+/// An environment that may exist.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct OpenEnvironment {
+    /// Its name.
+    pub environment: String,
+    /// When its creation was announced, RFC 3339.
+    pub begun: String,
+    /// The windows it is to measure.
+    pub windows: Vec<u32>,
+    /// Whether its data had been collected and its removal had begun: there is nothing more in it to go on with.
+    pub discarding: bool,
+}
+
+impl RunState {
+    /// Replays a journal.
+    #[must_use]
+    pub fn replay<'a>(entries: impl IntoIterator<Item = &'a JournalEntry>) -> Self {
+        let mut state = Self::default();
+        for entry in entries {
+            state.apply(entry);
+        }
+        state
+    }
+
+    /// Whether a scenario of the plan has a round without an outcome, or one that was asked to stop.
+    #[must_use]
+    pub fn is_interrupted(&self, plan: &PlanRecord) -> bool {
+        let mut outcomes = self.outcomes(plan).into_iter();
+        outcomes.any(|outcome| matches!(outcome, None | Some(Outcome::Interrupted)))
+    }
+
+    /// How the scenarios of the plan that run ended in each of their rounds.
+    #[must_use]
+    pub fn outcomes(&self, plan: &PlanRecord) -> Vec<Option<Outcome>> {
+        let running = plan.scenarios.iter().filter(|planned| planned.runs());
+        let outcomes = running.flat_map(|planned| {
+            let state = self.scenario(&planned.slug);
+            planned.rounds().map(move |round| state.round(round).outcome)
+        });
+        outcomes.collect()
+    }
+
+    /// What the journal says of a scenario.
+    #[must_use]
+    pub fn scenario(&self, slug: &str) -> ScenarioState {
+        self.scenarios.get(slug).cloned().unwrap_or_default()
+    }
+
+    /// Takes one more event into account.
+    pub fn apply(&mut self, JournalEntry { at, event }: &JournalEntry) {
+        match event {
+            Event::RunStarted {
+                manifest_sha256,
+                plan_sha256,
+                ..
+            } => {
+                self.finished = false;
+                self.manifest_sha256.clone_from(manifest_sha256);
+                self.plan_sha256.clone_from(plan_sha256);
+            }
+            Event::RunFinished => self.finished = true,
+            Event::RunInterrupted | Event::HostBusy { .. } | Event::EnvironmentFound { .. } => {}
+            Event::EnvironmentCreated {
+                scenario,
+                environment,
+                ..
+            } => self.entry(scenario).made(environment, at),
+            Event::EnvironmentRecorded { scenario, sha256, .. } => {
+                self.entry(scenario).environment_sha256s.insert(sha256.clone());
+            }
+            Event::WorkloadSilent { scenario, for_s } => self.entry(scenario).silent_for_s = Some(*for_s),
+            Event::WorkloadHeard { scenario, .. } => self.entry(scenario).silent_for_s = None,
+            Event::WindowBroken {
+                scenario,
+                environment,
+                window,
+                reason,
+            } => {
+                let state = self.entry(scenario);
+                state.lose(*window);
+                state.broken.push(BrokenWindow {
+                    window: *window,
+                    environment: environment.clone(),
+                    reason: reason.clone(),
+                });
+            }
+            Event::EnvironmentDiscarding {
+                scenario,
+                environment,
+            } => {
+                let rounds = self.entry(scenario).rounds.values_mut();
+                for open in rounds.filter_map(|round| round.open.as_mut()) {
+                    open.discarding |= open.environment == *environment;
+                }
+            }
+            Event::ScenarioStarted {
+                scenario,
+                windows,
+                round,
+            } => {
+                let state = self.entry(scenario);
+                state.silent_for_s = None;
+                let round = state.entry(*round);
+                round.started = true;
+                round.outcome = None;
+                round.reason = None;
+                round.hint = None;
+                round.windows.extend(windows);
+            }
+            Event::EnvironmentCreating {
+                scenario,
+                environment,
+                provider,
+                windows,
+                round,
+                ..
+            } => {
+                let state = self.entry(scenario);
+                state.attempts = state.attempts.saturating_add(1);
+                state.providers.insert(provider.clone());
+                let round = state.entry(*round);
+                round.windows.extend(windows);
+                round.open = Some(OpenEnvironment {
+                    environment: environment.clone(),
+                    begun: at.clone(),
+                    windows: windows.clone(),
+                    discarding: false,
+                });
+            }
+            Event::Workload { scenario, progress } => {
+                if let Progress::WindowComplete { window, .. } = progress {
+                    self.entry(scenario).completed.insert(*window);
+                }
+            }
+            Event::WindowCollected {
+                scenario,
+                environment,
+                window,
+                sha256,
+                ..
+            } => {
+                let state = self.entry(scenario);
+                // Where the journal does not have its creation: a name is never given twice.
+                state.attempts = state.attempts.max(attempt(environment));
+                let collected = Collected {
+                    environment: environment.clone(),
+                    sha256: sha256.clone(),
+                };
+                state.collected.insert(*window, collected);
+            }
+            Event::EnvironmentDiscarded {
+                scenario,
+                environment,
+            } => self.entry(scenario).close(environment),
+            Event::EnvironmentKept {
+                scenario,
+                environment,
+            } => {
+                let state = self.entry(scenario);
+                state.close(environment);
+                state.kept.insert(environment.clone());
+            }
+            Event::ScenarioFinished {
+                scenario,
+                outcome,
+                reason,
+                hint,
+                round,
+            } => {
+                let round = self.entry(scenario).entry(*round);
+                round.outcome = Some(*outcome);
+                round.reason.clone_from(reason);
+                round.hint.clone_from(hint);
+            }
+        }
+    }
+
+    fn entry(&mut self, slug: &str) -> &mut ScenarioState {
+        self.scenarios.entry(slug.to_owned()).or_default()
+    }
+}
+
+impl ScenarioState {
+    /// That of a round, by the number that the journal has; runs of one round have none there.
+    fn entry(&mut self, round: Option<u32>) -> &mut RoundState {
+        self.rounds.entry(round.unwrap_or(1)).or_default()
+    }
+
+    fn made(&mut self, environment: &str, at: &str) {
+        let open = self.open().find(|open| open.environment == environment);
+        let begun = open.map(|open| open.begun.clone());
+        self.made.push(MadeEnvironment {
+            environment: environment.to_owned(),
+            begun,
+            done: at.to_owned(),
+        });
+    }
+
+    /// Takes a window out that is not in its place any more.
+    pub fn lose(&mut self, window: u32) {
+        self.completed.remove(&window);
+        // It had its place, and is to be measured again.
+        if self.collected.remove(&window).is_some() {
+            self.reopen(window);
+        }
+    }
+
+    /// A window is gone: the round that it was wanted of is not completed any more. Where the journal does not know which that is,
+    /// none is taken for completed.
+    fn reopen(&mut self, window: u32) {
+        let known = self.rounds.values().any(|round| round.windows.contains(&window));
+        for round in self.rounds.values_mut() {
+            let is_it = !known || round.windows.contains(&window);
+            if is_it && round.outcome == Some(Outcome::Completed) {
+                round.outcome = None;
+            }
+        }
+    }
+
+    /// SHA-256 of a collected window's `window.json`, in hexadecimal, if it is known.
+    #[must_use]
+    pub fn window_sha256(&self, window: u32) -> Option<&str> {
+        self.collected.get(&window)?.sha256.as_deref()
+    }
+
+    /// Those that an `environment.json` may have; none if that is not known.
+    pub fn environment_sha256s(&self) -> impl Iterator<Item = &str> + Clone {
+        self.environment_sha256s.iter().map(String::as_str)
+    }
+
+    fn close(&mut self, environment: &str) {
+        for round in self.rounds.values_mut() {
+            round.open.take_if(|open| open.environment == environment);
+        }
+    }
+
+    /// What the journal says of a round.
+    #[must_use]
+    pub fn round(&self, round: u32) -> RoundState {
+        self.rounds.get(&round).cloned().unwrap_or_default()
+    }
+
+    /// The environments of all rounds that may exist.
+    pub fn open(&self) -> impl Iterator<Item = &OpenEnvironment> {
+        self.rounds.values().filter_map(|round| round.open.as_ref())
+    }
+
+    /// Whether there is nothing more to do in any of so many rounds.
+    #[must_use]
+    pub fn is_settled(&self, mut rounds: impl Iterator<Item = u32>) -> bool {
+        rounds.all(|round| self.round(round).is_settled())
+    }
+
+    /// The windows that the workload has completed, collected or not.
+    #[must_use]
+    pub fn complete(&self) -> BTreeSet<u32> {
+        self.completed
+            .iter()
+            .chain(self.collected.keys())
+            .copied()
+            .collect()
+    }
+
+    /// Those of these windows that are not in the run directory.
+    #[must_use]
+    pub fn wanted(&self, windows: RangeInclusive<u32>) -> Vec<u32> {
+        windows
+            .filter(|window| !self.collected.contains_key(window))
+            .collect()
+    }
+}
+
+impl RoundState {
+    /// Whether there is nothing more to do: completed, or failed by the experiment's own word.
+    #[must_use]
+    pub const fn is_settled(&self) -> bool {
+        matches!(self.outcome, Some(Outcome::Completed | Outcome::Failed)) && self.open.is_none()
+    }
+}
+
+/// The number at the end of an environment's name.
+fn attempt(environment: &str) -> u32 {
+    let number = environment.rsplit('-').next();
+    number.and_then(|number| number.parse().ok()).unwrap_or(0)
+}
+
+#[cfg(test)]
+mod tests {
+    use crate::{run_directory::PlannedScenario, settings::Settings, window::Verdict};
+
+    use super::*;
+
+    fn journal(events: Vec<Event>) -> Vec<JournalEntry> {
+        events
+            .into_iter()
+            .map(|event| JournalEntry {
+                at: String::new(),
+                event,
+            })
+            .collect()
+    }
+
+    fn creating(environment: &str, windows: Vec<u32>) -> Event {
+        Event::EnvironmentCreating {
+            scenario: "s".into(),
+            environment: environment.into(),
+            provider: "fake".into(),
+            windows,
+            resources: Vec::new(),
+            round: None,
+        }
+    }
+
+    #[test]
+    fn an_environment_that_was_only_intended_is_still_open() {
+        let state = RunState::replay(&journal(vec![creating("e-1", vec![1, 2])]));
+        let open = state.scenario("s").round(1).open.unwrap();
+        assert_eq!((open.environment.as_str(), open.windows), ("e-1", vec![1, 2]));
+    }
+
+    #[test]
+    fn an_environment_whose_removal_began_has_nothing_more_to_go_on_with() {
+        let discarding = Event::EnvironmentDiscarding {
+            scenario: "s".into(),
+            environment: "e-1".into(),
+        };
+        let state = RunState::replay(&journal(vec![creating("e-1", vec![1]), discarding]));
+        assert!(state.scenario("s").round(1).open.unwrap().discarding);
+    }
+
+    #[test]
+    fn collected_windows_are_not_wanted_again_and_a_discarded_environment_is_closed() {
+        let state = RunState::replay(&journal(vec![
+            creating("e-1", vec![1, 2, 3]),
+            Event::WindowCollected {
+                scenario: "s".into(),
+                environment: "e-1".into(),
+                window: 1,
+                verdict: Verdict::Valid,
+                sha256: None,
+            },
+            Event::EnvironmentDiscarded {
+                scenario: "s".into(),
+                environment: "e-1".into(),
+            },
+        ]));
+        let scenario = state.scenario("s");
+        assert_eq!(scenario.wanted(1..=3), vec![2, 3]);
+        assert_eq!(scenario.open().next(), None);
+        assert_eq!(scenario.attempts, 1);
+    }
+
+    #[test]
+    fn an_environment_was_made_from_its_announcement_to_its_creation() {
+        let created = |environment: &str| Event::EnvironmentCreated {
+            scenario: "s".into(),
+            environment: environment.into(),
+            facts: serde_json::Map::new(),
+        };
+        let events = [
+            creating("e-1", vec![1]),
+            created("e-1"),
+            // A journal of which the announcement is not known.
+            created("e-7"),
+        ];
+        let entries = events
+            .into_iter()
+            .zip(["t0", "t1", "t2"])
+            .map(|(event, at)| JournalEntry {
+                at: at.to_owned(),
+                event,
+            });
+        let made = RunState::replay(&entries.collect::<Vec<_>>()).scenario("s").made;
+        let times: Vec<_> = made
+            .iter()
+            .map(|made| (made.begun.as_deref(), made.done.as_str()))
+            .collect();
+        assert_eq!(times, [(Some("t0"), "t1"), (None, "t2")]);
+    }
+
+    #[test]
+    fn the_checksum_of_a_window_goes_with_the_window() {
+        let collected = Event::WindowCollected {
+            scenario: "s".into(),
+            environment: "e-1".into(),
+            window: 1,
+            verdict: Verdict::Valid,
+            sha256: Some("aa".into()),
+        };
+        let broken = Event::WindowBroken {
+            scenario: "s".into(),
+            environment: "e-1".into(),
+            window: 1,
+            reason: "it is damaged".into(),
+        };
+        let of = |events| RunState::replay(&journal(events)).scenario("s");
+        assert_eq!(of(vec![collected.clone()]).window_sha256(1), Some("aa"));
+        let state = of(vec![collected, broken]);
+        assert_eq!((state.window_sha256(1), state.broken.len()), (None, 1));
+    }
+
+    #[test]
+    fn a_run_is_interrupted_while_a_scenario_of_it_has_not_ended() {
+        let scenario = |slug: &str| PlannedScenario {
+            id: slug.to_owned(),
+            slug: slug.to_owned(),
+            axes: serde_json::Map::new(),
+            host: None,
+            feasible: slug != "infeasible",
+            reason: None,
+            fix: None,
+            not_selected: None,
+            simulated: false,
+            settings: Settings::default(),
+        };
+        let plan = PlanRecord {
+            format: 1,
+            scenarios: vec![scenario("s"), scenario("t"), scenario("infeasible")],
+            order: Vec::new(),
+            later_rounds: Vec::new(),
+            measuring_s: 1.0,
+        };
+        let finished = |slug: &str, outcome| Event::ScenarioFinished {
+            scenario: slug.to_owned(),
+            outcome,
+            reason: None,
+            hint: None,
+            round: None,
+        };
+        let is_interrupted = |events| RunState::replay(&journal(events)).is_interrupted(&plan);
+        assert!(is_interrupted(vec![finished("s", Outcome::Completed)]));
+        for (outcome, interrupted) in [
+            (Outcome::Interrupted, true),
+            (Outcome::Completed, false),
+            (Outcome::Errored, false),
+        ] {
+            let events = vec![finished("s", Outcome::Completed), finished("t", outcome)];
+            assert_eq!(is_interrupted(events), interrupted, "{outcome:?}");
+        }
+    }
+
+    #[test]
+    fn a_scenario_with_an_open_environment_is_not_settled_whatever_its_outcome() {
+        let finished = Event::ScenarioFinished {
+            scenario: "s".into(),
+            outcome: Outcome::Completed,
+            reason: None,
+            hint: None,
+            round: None,
+        };
+        assert!(
+            RunState::replay(&journal(vec![finished.clone()]))
+                .scenario("s")
+                .is_settled(1..=1)
+        );
+        let state = RunState::replay(&journal(vec![creating("e-1", vec![1]), finished]));
+        assert!(!state.scenario("s").is_settled(1..=1));
+    }
+
+    #[test]
+    fn a_round_is_settled_and_reopened_without_the_others() {
+        let of_round = |round: u32, windows: Vec<u32>| {
+            [
+                Event::ScenarioStarted {
+                    scenario: "s".into(),
+                    windows: windows.clone(),
+                    round: Some(round),
+                },
+                Event::ScenarioFinished {
+                    scenario: "s".into(),
+                    outcome: Outcome::Completed,
+                    reason: None,
+                    hint: None,
+                    round: Some(round),
+                },
+            ]
+        };
+        let mut events = Vec::from(of_round(1, vec![1, 2]));
+        events.extend(of_round(2, vec![3, 4]));
+        let collected = |window| Event::WindowCollected {
+            scenario: "s".into(),
+            environment: "e-1".into(),
+            window,
+            verdict: Verdict::Valid,
+            sha256: None,
+        };
+        events.extend([collected(3), collected(4)]);
+        let mut state = RunState::replay(&journal(events));
+        assert!(state.scenario("s").is_settled(1..=2));
+        assert!(!state.scenario("s").is_settled(1..=3));
+        state.apply(
+            &journal(vec![Event::WindowBroken {
+                scenario: "s".into(),
+                environment: "e-1".into(),
+                window: 3,
+                reason: String::new(),
+            }])[0],
+        );
+        let scenario = state.scenario("s");
+        assert!(scenario.round(1).is_settled() && !scenario.round(2).is_settled());
+        assert_eq!(scenario.wanted(3..=4), vec![3]);
+    }
+}
