@@ -27,10 +27,10 @@ pub fn harmless(text: &str) -> String {
     harmless
 }
 
-/// The same in one line.
+/// The same in one line, without any control character.
 #[must_use]
 pub fn harmless_line(text: &str) -> String {
-    harmless(&text.replace('\n', "\\n"))
+    harmless(&text.replace('\n', "\\n").replace('\t', "\\t"))
 }
 
 /// A path as a word of a command that a person pastes into a shell: what is not plain is quoted.
@@ -138,6 +138,7 @@ mod tests {
     #[test]
     fn one_line_stays_one() {
         assert_eq!(harmless_line("a\n::error::b"), "a\\n::error::b");
+        assert_eq!(harmless_line("a \tb"), "a \\tb");
     }
 
     #[test]
@@ -165,6 +166,7 @@ mod tests {
             proptest::prop_assert!(!shown.chars().any(|it| is_unseen(it) && it != '\n' && it != '\t'));
             proptest::prop_assert!(!shown.contains("##["));
             proptest::prop_assert!(!shown.lines().any(|line| line.trim_start().starts_with("::")));
+            proptest::prop_assert!(!harmless_line(&text).contains(is_unseen));
         }
     }
 }

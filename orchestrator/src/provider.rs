@@ -62,7 +62,7 @@ pub enum Availability {
     },
     /// It cannot.
     Unavailable {
-        /// Why.
+        /// The reason, as the plan and the report print it.
         reason: String,
         /// What would make it available.
         fix: Option<String>,

@@ -69,7 +69,7 @@ pub enum Verdict {
     Drift,
     /// It was measured, and the measurement's own checks found that it is worth nothing.
     Invalid {
-        /// Why.
+        /// What was wrong with the measurement.
         reason: String,
     },
     /// There is no number, or there are too few to say anything.

@@ -69,7 +69,6 @@ struct Rehearse {
 
 #[derive(Debug, Args)]
 struct Node {
-    /// Which.
     #[arg(value_parser = PossibleValuesParser::new(Program::ALL.map(Program::name)))]
     program: String,
     /// The settings, as JSON.

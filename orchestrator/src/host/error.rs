@@ -10,7 +10,7 @@ pub enum HostError {
     /// It was never reached: nothing listens, its key is not known, it does not let us in.
     #[error("cannot reach host `{host}`")]
     Unreachable {
-        /// Its name.
+        /// The host's name in the matrix file.
         host: String,
         /// What would make it answer.
         hint: Option<String>,
@@ -20,7 +20,7 @@ pub enum HostError {
     /// It was reached, then the connection ended. What runs there detached goes on: it can be asked for again.
     #[error("lost the connection to host `{host}` while {action}")]
     Disconnected {
-        /// Its name.
+        /// The host's name in the matrix file.
         host: String,
         /// What was being done, as in `following the workload's lines`.
         action: String,
@@ -30,7 +30,7 @@ pub enum HostError {
     /// It answered no.
     #[error("host `{host}` refused {action}")]
     Refused {
-        /// Its name.
+        /// The host's name in the matrix file.
         host: String,
         /// What was being done, as in `starting /usr/bin/vagrant`.
         action: String,
@@ -42,7 +42,7 @@ pub enum HostError {
     /// It did not get done in time.
     #[error("host `{host}` was not done with {action} after {} s", .after.as_secs())]
     TimedOut {
-        /// Its name.
+        /// The host's name in the matrix file.
         host: String,
         /// What was being done, as in `running /usr/bin/vagrant`.
         action: String,

@@ -31,7 +31,7 @@ pub struct Axes {
 /// One axis.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Axis {
-    /// Its name.
+    /// The axis as the file names it.
     pub name: Spanned<String>,
     /// Its values, at least one, none twice.
     pub values: Vec<AxisValue>,
@@ -77,7 +77,7 @@ pub struct Assignment {
 pub struct Exclude {
     /// The values.
     pub values: Vec<Assignment>,
-    /// Why.
+    /// The reason that the file gives, for the plan and the report.
     pub reason: Option<String>,
     /// Where it stands.
     pub span: Span,

@@ -9,7 +9,6 @@ use super::source::{Span, Spanned};
 pub struct Node {
     /// Where; for `key:` with nothing behind it, where the key stands.
     pub span: Span,
-    /// What.
     pub content: Content,
 }
 

@@ -121,7 +121,7 @@ impl HostCapabilities {
 /// machine's or system's name is false.
 #[derive(Debug, Clone, Copy)]
 pub struct HostIdentity<'a> {
-    /// Its name.
+    /// The host's name in the matrix file.
     pub host: &'a str,
     /// Its hardware, if that is said.
     pub hardware: Option<&'a str>,
@@ -203,7 +203,7 @@ const SYSTEMS: [&str; 11] = [
 /// Why a scenario cannot run.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 pub struct Obstacle {
-    /// Why.
+    /// The reason, as the plan and the report print it.
     pub reason: String,
     /// What would make it possible.
     pub fix: Option<String>,

@@ -234,7 +234,7 @@ const fn of_vagrant(name: &'static str, vagrant: VagrantKind) -> ProviderKind {
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
 #[error("two providers have the name `{name}`")]
 pub struct NameTaken {
-    /// The name.
+    /// The axis value that names the provider.
     pub name: &'static str,
 }
 

@@ -31,9 +31,9 @@ pub enum ProviderError {
     /// This version knows the provider but cannot drive it.
     #[error("{provider}: {reason}")]
     Unsupported {
-        /// Which.
+        /// The provider's name on the axis `virtualization`.
         provider: String,
-        /// Why.
+        /// The reason, as the plan and the report print it.
         reason: String,
         /// What to do instead.
         hint: Option<String>,

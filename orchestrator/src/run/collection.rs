@@ -48,7 +48,7 @@ pub enum Sorted {
     Broken {
         /// Its number.
         window: u32,
-        /// Why.
+        /// What is wrong with the window's files.
         reason: String,
     },
 }

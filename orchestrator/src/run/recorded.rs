@@ -40,7 +40,7 @@ pub enum RecordedRunError {
     Directory {
         /// Where.
         path: PathBuf,
-        /// Why.
+        /// The system's error.
         source: io::Error,
     },
     /// Its records cannot be read.
@@ -84,9 +84,9 @@ pub enum RecordedRunError {
     Create {
         /// `create` or `write`.
         action: &'static str,
-        /// What.
+        /// The file or folder that could not be made.
         path: PathBuf,
-        /// Why.
+        /// The system's error.
         source: io::Error,
     },
 }

@@ -21,7 +21,7 @@ use crate::{
 /// A run with hosts elsewhere.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct Entry {
-    /// Its name.
+    /// The run's id, which is the name of its folder.
     pub run: String,
     /// Where its run directory is; empty in entries of earlier versions.
     #[serde(default)]

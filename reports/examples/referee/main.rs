@@ -12,6 +12,7 @@
 mod baselines;
 mod contrasts;
 mod drift;
+mod peers;
 mod power;
 mod replicates;
 
@@ -50,6 +51,11 @@ const SECTIONS: &[Section] = &[
         name: "baselines",
         about: "a candidate against a baseline: false alarms and what is found",
         print: baselines::print,
+    },
+    Section {
+        name: "peers",
+        about: "the watch over nights beside Apache Otava, Perfherder, PELT and a CUSUM",
+        print: peers::print,
     },
 ];
 

@@ -38,7 +38,7 @@ pub enum Misfit {
     /// One is there twice.
     #[error("run {run} is there twice")]
     SameRun {
-        /// Which.
+        /// The run's id.
         run: String,
     },
     /// The reports that they declare are not the same.

@@ -38,7 +38,7 @@ pub struct Explanation {
 pub struct Factor {
     /// Of which direction.
     pub topic: Topic,
-    /// What.
+    /// The quantity of the packets.
     pub quantity: Quantity,
     /// Mean of the second scenario's window means less that of the first's, in the quantity's unit.
     pub difference: f64,

@@ -114,7 +114,7 @@ pub struct VerdictReport<'a> {
     pub verdict: &'static str,
     /// Whether they count all the same.
     pub counted: bool,
-    /// Why.
+    /// What the window's verdict is based on, one sentence each.
     pub reasons: &'a [String],
 }
 

@@ -109,7 +109,7 @@ pub struct ScenarioRun {
 pub enum Ending {
     /// It could not run.
     Infeasible {
-        /// Why.
+        /// The reason that the journal has.
         reason: String,
         /// What would make it feasible.
         fix: Option<String>,
@@ -125,7 +125,7 @@ pub enum Ending {
     Unfinished,
     /// The journal says how.
     Ended {
-        /// How.
+        /// How the scenario ended.
         outcome: Outcome,
         /// Why, if not completed.
         reason: Option<String>,

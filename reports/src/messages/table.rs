@@ -50,7 +50,7 @@ pub enum TableError {
     Io {
         /// The file or folder.
         path: PathBuf,
-        /// Why.
+        /// The system's error.
         source: io::Error,
     },
     /// polars could not write it.
@@ -58,7 +58,7 @@ pub enum TableError {
     Columns {
         /// The file.
         path: PathBuf,
-        /// Why.
+        /// Polars' error.
         source: PolarsError,
     },
 }

@@ -40,7 +40,7 @@ pub enum WriteError {
     Io {
         /// The file or folder.
         path: PathBuf,
-        /// Why.
+        /// The system's error.
         source: io::Error,
     },
     /// A table of numbers could not be encoded.
@@ -48,7 +48,7 @@ pub enum WriteError {
     Columns {
         /// The table.
         name: &'static str,
-        /// Why.
+        /// Polars' error.
         source: PolarsError,
     },
     /// A figure could not be drawn.

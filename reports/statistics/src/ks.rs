@@ -139,17 +139,17 @@ pub enum KsError {
     /// A sample without values.
     #[error("the {which} sample is empty")]
     Empty {
-        /// Which.
+        /// The first sample or the second.
         which: Ordinal,
     },
     /// A value that is not a number or not finite.
     #[error("value {position} of the {which} sample is {value}, which has no place in an order")]
     NotFinite {
-        /// Which.
+        /// The first sample or the second.
         which: Ordinal,
         /// Where, from 1.
         position: usize,
-        /// What.
+        /// The number.
         value: f64,
     },
     /// More values than are counted here.

@@ -20,6 +20,7 @@ pub mod permutation;
 pub mod pooled_ranks;
 pub mod power;
 pub mod prediction;
+pub mod public_series;
 pub mod relabelling;
 pub mod replicate_model;
 pub mod replicates;

@@ -2,7 +2,7 @@
 //! change where there is none, and after how many nights of one that is there. The main type is [`Nights`].
 //!
 //! Each function is of one seed, so that a caller spreads many over the processors and small numbers fit a test.
-//! `examples/drift.rs` prints the tables of docs/drift.md.
+//! `reports/examples/referee/drift.rs` prints the tables of docs/drift.md.
 
 use crate::{
     noise_model::Noise,
@@ -166,36 +166,52 @@ pub mod cusum {
     const H: f64 = 8.5;
     const LEARNS: usize = 60;
 
+    /// An alarm: the night in which it was raised, and the first one since its sum was last 0, which is Page's place of the change.
+    #[derive(Debug, Clone, Copy, PartialEq, Eq)]
+    pub struct Alarm {
+        /// The night in which it was raised.
+        pub told: usize,
+        /// The first night with the change.
+        pub at: usize,
+    }
+
     /// How many times it alarms in a year after its 60 nights; after each alarm it begins anew at 0.
     #[must_use]
     pub fn false_changes(nights: Nights, seed: u64) -> usize {
-        alarms(&nights.values(LEARNS + YEAR, seed)).len()
+        alarms(&nights.values(LEARNS + YEAR, seed), LEARNS).len()
     }
 
     /// As [`super::delay`].
     #[must_use]
     pub fn delay(nights: Nights, change: Change, before: usize, after: usize, seed: u64) -> Option<usize> {
-        let alarms = alarms(&with_change(nights, change, before, after, seed));
-        alarms
-            .into_iter()
-            .find(|night| *night >= before)
-            .map(|night| night - before)
+        let alarms = alarms(&with_change(nights, change, before, after, seed), LEARNS);
+        let told = alarms.into_iter().map(|alarm| alarm.told);
+        told.filter(|told| *told >= before)
+            .min()
+            .map(|told| told - before)
     }
 
-    fn alarms(values: &[f64]) -> Vec<usize> {
-        let (learnt, watched) = values.split_at(LEARNS.min(values.len()));
+    /// The alarms after the first `learns` values, from which it has the mean and the standard deviation.
+    #[must_use]
+    pub fn alarms(values: &[f64], learns: usize) -> Vec<Alarm> {
+        let (learnt, watched) = values.split_at(learns.min(values.len()));
         let count = learnt.len() as f64;
         let mean = learnt.iter().sum::<f64>() / count;
         let variance = learnt.iter().map(|value| (value - mean).powi(2)).sum::<f64>() / (count - 1.0);
-        let (mut up, mut down) = (0.0_f64, 0.0_f64);
+        // The sum upwards and the one downwards, each with its first night above 0.
+        let mut sums = [(0.0_f64, learns); 2];
         let mut alarms = Vec::new();
-        for (night, value) in watched.iter().enumerate() {
+        for (night, value) in (learns..).zip(watched) {
             let aside = (value - mean) / variance.sqrt();
-            up = (up + aside - K).max(0.0);
-            down = (down - aside - K).max(0.0);
-            if up > H || down > H {
-                alarms.push(LEARNS + night);
-                (up, down) = (0.0, 0.0);
+            for ((sum, since), aside) in sums.iter_mut().zip([aside, -aside]) {
+                *sum = (*sum + aside - K).max(0.0);
+                if *sum == 0.0 {
+                    *since = night + 1;
+                }
+            }
+            if let Some((_, at)) = sums.iter().copied().find(|(sum, _)| *sum > H) {
+                alarms.push(Alarm { told: night, at });
+                sums = [(0.0, night + 1); 2];
             }
         }
         alarms

@@ -113,7 +113,7 @@ pub struct MaxT {
     pub smallest_p: f64,
     /// Dealings looked at, the observed one included.
     pub labellings: u64,
-    /// How.
+    /// Whether every labelling was looked at, or a sample of them.
     pub coverage: Coverage,
 }
 

@@ -3,35 +3,12 @@
 use rstest::rstest;
 use statistics::{
     nights::{Change, Nights, changed, delay, false_changes, observed},
+    public_series::{coal_mines, nile},
     watch::{Kind, Night, watch},
 };
 
 /// Of one of nine series that have 0.01 together.
 const LEVEL: f64 = 0.01 / 9.0;
-
-/// Annual flow of the Nile at Aswan, 1871 to 1970, in 10⁸ m³: `Nile` of R's datasets, from Durbin and Koopman, *Time
-/// Series Analysis by State Space Methods* (2001), table 2.1. It fell after 1898, with the first dam (Cobb, *The problem
-/// of the Nile*, Biometrika 65, 1978).
-const NILE: [f64; 100] = [
-    1120.0, 1160.0, 963.0, 1210.0, 1160.0, 1160.0, 813.0, 1230.0, 1370.0, 1140.0, 995.0, 935.0, 1110.0,
-    994.0, 1020.0, 960.0, 1180.0, 799.0, 958.0, 1140.0, 1100.0, 1210.0, 1150.0, 1250.0, 1260.0, 1220.0,
-    1030.0, 1100.0, 774.0, 840.0, 874.0, 694.0, 940.0, 833.0, 701.0, 916.0, 692.0, 1020.0, 1050.0, 969.0,
-    831.0, 726.0, 456.0, 824.0, 702.0, 1120.0, 1100.0, 832.0, 764.0, 821.0, 768.0, 845.0, 864.0, 862.0,
-    698.0, 845.0, 744.0, 796.0, 1040.0, 759.0, 781.0, 865.0, 845.0, 944.0, 984.0, 897.0, 822.0, 1010.0,
-    771.0, 676.0, 649.0, 846.0, 812.0, 742.0, 801.0, 1040.0, 860.0, 874.0, 848.0, 890.0, 744.0, 749.0, 838.0,
-    1050.0, 918.0, 986.0, 797.0, 923.0, 975.0, 815.0, 1020.0, 906.0, 901.0, 1170.0, 912.0, 746.0, 919.0,
-    718.0, 714.0, 740.0,
-];
-
-/// British coal-mining disasters with 10 deaths or more, a year, 1851 to 1962: Jarrett, *A note on the intervals between
-/// coal-mining disasters*, Biometrika 66, 1979. They became fewer around 1890 (Carlin, Gelfand and Smith, *Hierarchical
-/// Bayesian analysis of changepoint problems*, Applied Statistics 41, 1992: posterior mode 1891).
-const COAL: [u8; 112] = [
-    4, 5, 4, 1, 0, 4, 3, 4, 0, 6, 3, 3, 4, 0, 2, 6, 3, 3, 5, 4, 5, 3, 1, 4, 4, 1, 5, 5, 3, 4, 2, 5, 2, 2, 3,
-    4, 2, 1, 3, 2, 2, 1, 1, 1, 1, 3, 0, 0, 1, 0, 1, 1, 0, 0, 3, 1, 0, 3, 2, 2, 0, 1, 1, 1, 0, 1, 0, 1, 0, 0,
-    0, 2, 1, 0, 0, 0, 1, 1, 0, 2, 3, 3, 1, 1, 2, 1, 1, 1, 1, 2, 3, 3, 0, 0, 0, 1, 4, 0, 0, 0, 1, 0, 0, 0, 0,
-    0, 1, 0, 0, 1, 0, 1,
-];
 
 fn series(values: &[f64], level: f64) -> Vec<Night> {
     let night = |value: &f64| Night {
@@ -53,13 +30,15 @@ fn places(values: &[f64], level: f64) -> Vec<usize> {
 
 #[test]
 fn the_nile_fell_after_1898() {
-    assert_eq!(places(&NILE, 0.01), [28]);
+    assert_eq!(places(&nile().values, 0.01), [28]);
 }
 
 #[test]
 fn disasters_in_coal_mines_became_fewer_around_1890() {
-    let values: Vec<f64> = COAL.iter().map(|count| f64::from(*count)).collect();
-    let years: Vec<usize> = places(&values, 0.01).iter().map(|at| 1851 + at).collect();
+    let years: Vec<usize> = places(&coal_mines().values, 0.01)
+        .iter()
+        .map(|at| 1851 + at)
+        .collect();
     assert!(matches!(years[..], [1886..=1896]), "{years:?}");
 }
 
@@ -111,7 +90,7 @@ fn a_young_history_has_no_more_false_alarms_than_an_old_one(#[case] nights: Nigh
 }
 
 /// A CUSUM with k = 0.5 and h = 8.5, its mean and scale from the first 60 nights, has medians of 15, 8, 5, 3, 1 and 25, 16 nights
-/// (examples/drift.rs); the former rules had 25, 10, 6, 2, 1 and 31, 19.
+/// (`reports/examples/referee/drift.rs`); the former rules had 25, 10, 6, 2, 1 and 31, 19.
 #[rstest]
 #[case(Change::Jump(1.0), 16)]
 #[case(Change::Jump(1.5), 8)]

@@ -40,7 +40,7 @@ pub fn progress() -> Vec<Vec<u8>> {
          {\"event\":\"measuring\",\"window\":1}\n{\"event\":\"window-complete\",\"window\":1,\"verdict\":\"valid\"}\n{\"event\":\"finished\"}\n",
         "{\"event\":\"health\",\"window\":1,\"steps_done\":5,\"steps_expected\":9,\"missed_deadlines\":0,\"worst_lateness_ns\":-3}\n\
          {\"event\":\"failed\",\"reason\":\"r\",\"hint\":null,\"platform\":true}\n",
-        "{\"event\":\"notice\",\"host\":\"h1\",\"text\":\"a \\u001b]0;b\"}\n\
+        "{\"event\":\"notice\",\"host\":\"h1\",\"text\":\"a \\t\\u001b]0;b\"}\n\
          {\"event\":\"platform-changed\",\"changes\":[{\"field\":\"kernel\",\"before\":\"6\",\"after\":7}]}\n",
     ])
 }

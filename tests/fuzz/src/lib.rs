@@ -14,7 +14,7 @@ use std::{fs, path::Path};
 
 /// One reader and what it is given first.
 pub struct Target {
-    /// Its name.
+    /// The name that `tests/fuzz/run` takes.
     pub name: &'static str,
     /// Reads the bytes.
     pub read: fn(&[u8]),

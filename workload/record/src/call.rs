@@ -106,7 +106,7 @@ pub struct Which {
     /// Where it is.
     #[command(flatten)]
     pub root: Root,
-    /// Its name.
+    /// The environment's name, which is that of its folder.
     #[arg(long = word::ENVIRONMENT)]
     pub environment: String,
 }

@@ -96,7 +96,7 @@ pub struct Listed {
 /// One environment of [`Listed`].
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
 pub struct ListedEnvironment {
-    /// Its name.
+    /// The environment's name, which is that of its folder.
     pub environment: String,
     /// What it belongs to; none where a crash came before that was written.
     pub owner: Option<Owner>,

@@ -22,7 +22,7 @@ use crate::{
 /// A topic and what it carries.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Topic {
-    /// Its name.
+    /// The topic's name, with its slash.
     pub name: &'static str,
     /// Its type.
     pub message_type: MessageType,

@@ -23,7 +23,7 @@ pub enum CaptureError {
     Thread {
         /// Whose.
         host: VirtualHost,
-        /// Why.
+        /// The system's error.
         source: Arc<io::Error>,
     },
     /// The reading thread has ended; its last window says why.
@@ -35,7 +35,7 @@ pub enum CaptureError {
     /// tcpdump could not be started.
     #[error("tcpdump could not be started")]
     Tool {
-        /// Why.
+        /// The system's error.
         source: Arc<io::Error>,
     },
     /// tcpdump would end at once.
@@ -60,9 +60,9 @@ pub enum CaptureError {
     /// A file could not be written.
     #[error("cannot write the capture {}", file.display())]
     Write {
-        /// Which.
+        /// The capture's path.
         file: PathBuf,
-        /// Why.
+        /// The system's error.
         source: Arc<io::Error>,
     },
 }

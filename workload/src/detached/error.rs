@@ -43,7 +43,7 @@ pub enum DetachedError {
     /// A second environment of the same name.
     #[error("there is already an environment {name} in {}", root.display())]
     Exists {
-        /// Its name.
+        /// The environment's name.
         name: String,
         /// Where.
         root: PathBuf,
@@ -51,7 +51,7 @@ pub enum DetachedError {
     /// None of that name.
     #[error("there is no environment {name} in {}", root.display())]
     Missing {
-        /// Its name.
+        /// The environment's name.
         name: String,
         /// Where.
         root: PathBuf,
@@ -74,7 +74,7 @@ pub enum DetachedError {
     File {
         /// A verb.
         action: &'static str,
-        /// Which.
+        /// The file or folder.
         path: PathBuf,
         /// The system's words.
         source: io::Error,
@@ -109,7 +109,7 @@ pub enum DetachedError {
     Bridge {
         /// What, as an infinitive.
         action: &'static str,
-        /// Why.
+        /// The error of the network.
         source: NetworkError,
     },
 }

@@ -35,7 +35,7 @@ pub enum ExperimentError {
     /// A thread could not be started.
     #[error("the thread `{name}` could not be started")]
     Thread {
-        /// Which.
+        /// The thread's name.
         name: &'static str,
         /// What the system said.
         source: io::Error,
@@ -43,7 +43,7 @@ pub enum ExperimentError {
     /// A thread ended before it was told to.
     #[error("the thread `{name}` ended early")]
     ThreadEnded {
-        /// Which.
+        /// The thread's name.
         name: &'static str,
     },
     /// A process could not be started.
@@ -57,7 +57,7 @@ pub enum ExperimentError {
     /// A node in a process of its own could not go on.
     #[error("the {name} failed: {reason}")]
     Node {
-        /// Which.
+        /// The node's name.
         name: &'static str,
         /// Why, with the causes.
         reason: String,
@@ -69,7 +69,7 @@ pub enum ExperimentError {
     /// A file could not be written.
     #[error("{} could not be written", path.display())]
     Write {
-        /// Which.
+        /// The file or folder.
         path: PathBuf,
         /// What the system said.
         source: io::Error,

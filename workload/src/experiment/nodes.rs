@@ -64,7 +64,6 @@ pub struct Queues {
 pub struct Setting<'a> {
     /// The virtual hosts.
     pub network: &'a dyn Network,
-    /// How.
     pub settings: &'a Settings,
     /// Where notices go.
     pub board: &'a NoticeQueue,

@@ -34,7 +34,7 @@ pub enum NetworkError {
     /// A host's interface could not be set up.
     #[error("interface {interface}: {action} failed")]
     Interface {
-        /// Its name.
+        /// The interface's name.
         interface: String,
         /// What was to be done with it, such as `setting its address`.
         action: &'static str,
@@ -44,13 +44,13 @@ pub enum NetworkError {
     /// A program that sets networks up is not there.
     #[error("{program} is not installed")]
     Tool {
-        /// Its name.
+        /// The tool's name.
         program: &'static str,
     },
     /// A program that sets networks up could not be started.
     #[error("{program} could not be started")]
     Start {
-        /// Its name.
+        /// The tool's name.
         program: &'static str,
         /// What the kernel said.
         source: Errno,

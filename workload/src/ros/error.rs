@@ -18,7 +18,7 @@ pub enum RosError {
     /// A name that ROS does not allow.
     #[error("`{name}` is not a global ROS name")]
     BadName {
-        /// The name.
+        /// The name that breaks ROS's rules.
         name: String,
     },
     /// An address of the form `http://10.0.0.1:11311/` was wanted.

@@ -64,7 +64,7 @@ pub enum Notice {
         topic: String,
         /// The publisher's slave API.
         publisher: String,
-        /// How.
+        /// What the other side did or answered.
         reason: String,
     },
     /// A call to the master failed, and is tried again if there is time.
@@ -74,7 +74,7 @@ pub enum Notice {
         call: &'static str,
         /// The topic.
         topic: String,
-        /// How.
+        /// What the other side did or answered.
         reason: String,
     },
     /// The master had ended, and another one did not know this node.
@@ -98,7 +98,7 @@ pub enum Notice {
         call: &'static str,
         /// The node's slave API.
         node: String,
-        /// How.
+        /// What the other side did or answered.
         reason: String,
     },
     /// The master or a tool wants a node to end, most often since another node has taken its name. It goes on.
@@ -106,7 +106,7 @@ pub enum Notice {
     ShutdownAsked {
         /// The node.
         node: String,
-        /// Why.
+        /// The reason that came with the call.
         reason: String,
     },
     /// The rosmaster that was started ended by itself. It is started again, and the nodes register again.

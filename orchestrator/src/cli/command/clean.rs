@@ -55,7 +55,6 @@ struct LeftoverRecord<'a> {
     host: &'a str,
     /// What it is, such as `container`, `volume`, `image`, `process` or `directory`.
     kind: &'a str,
-    /// Its name.
     name: &'a str,
     /// The run that it was created for; null for what runs share, such as an image.
     run: Option<&'a str>,
@@ -78,7 +77,6 @@ struct NotAskedRecord<'a> {
     host: &'a str,
     /// The provider.
     provider: &'static str,
-    /// Why.
     reason: String,
 }
 

@@ -26,7 +26,6 @@ use super::{Figure, Kind};
 pub struct FigureError {
     /// The figure.
     pub name: String,
-    /// Why.
     source: DrawingError,
 }
 

@@ -33,7 +33,7 @@ pub enum PdfError {
     Read {
         /// The figure.
         name: String,
-        /// Why.
+        /// The error of the SVG reader.
         source: usvg::Error,
     },
     /// It could not be written.
@@ -41,7 +41,7 @@ pub enum PdfError {
     Write {
         /// The figure.
         name: String,
-        /// Why.
+        /// The error of the conversion.
         reason: ConversionError,
     },
 }

@@ -270,7 +270,6 @@ pub struct Unmeasured<'a> {
     pub id: &'a str,
     /// Its name in files.
     pub slug: &'a str,
-    /// Why.
     pub reason: Option<&'a str>,
     /// What to do about it.
     pub hint: Option<&'a str>,

@@ -51,7 +51,7 @@ pub struct EngineParts {
 /// The box that a virtual machine was made of.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
 pub struct VagrantBox {
-    /// Its name.
+    /// The name by which Vagrant knows it, such as `matrix/debian-12`.
     pub name: String,
     /// Its version; `0` of a box that was made here.
     pub version: String,

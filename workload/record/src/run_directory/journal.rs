@@ -18,7 +18,7 @@ use crate::{name::name, progress::Progress, window::Verdict};
 pub struct JournalEntry {
     /// When, RFC 3339 with milliseconds, UTC.
     pub at: String,
-    /// What.
+    /// What happened.
     #[serde(flatten)]
     pub event: Event,
 }
@@ -159,7 +159,7 @@ pub enum Event {
         environment: String,
         /// Its number.
         window: u32,
-        /// Why.
+        /// The reason, as reports print it.
         reason: String,
     },
     /// The environment's resources are about to be removed.
@@ -194,7 +194,7 @@ pub enum Event {
         /// The scenario.
         #[serde(deserialize_with = "name")]
         scenario: String,
-        /// How.
+        /// How the scenario ended.
         outcome: Outcome,
         /// Why, if not completed.
         reason: Option<String>,
@@ -244,7 +244,7 @@ pub struct Resource {
     pub host: String,
     /// What it is: `container`, `volume`, `image`, `process`, `directory`, `machine` or `bridge`.
     pub kind: String,
-    /// Its name.
+    /// The name by which the provider finds it.
     pub name: String,
 }
 

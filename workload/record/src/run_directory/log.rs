@@ -57,13 +57,13 @@ pub enum Fault {
     /// A column that is needed is not in the header.
     #[error("column `{column}` is missing in the first line")]
     MissingColumn {
-        /// Which.
+        /// The column's heading.
         column: &'static str,
     },
     /// A line that ends too early, or has no end.
     #[error("line {line} is cut short")]
     Cut {
-        /// Which.
+        /// The line, from 1 on.
         line: u64,
     },
     /// A field that is not a number of its column's kind.

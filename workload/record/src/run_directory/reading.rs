@@ -66,7 +66,7 @@ pub enum ReadError {
     Impossible {
         /// The file.
         path: PathBuf,
-        /// Which.
+        /// What no run of `matrix` has.
         source: Impossible,
     },
     /// A line in the midst of the journal that is no event.
@@ -98,7 +98,7 @@ pub enum ReadError {
     Io {
         /// The file or folder.
         path: PathBuf,
-        /// Why.
+        /// The system's error.
         source: io::Error,
     },
 }

@@ -76,7 +76,7 @@ pub struct Collected {
 /// An environment that was made, and when, RFC 3339.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct MadeEnvironment {
-    /// Its name.
+    /// The environment's name.
     pub environment: String,
     /// When that began; none where the journal does not have it.
     pub begun: Option<String>,
@@ -91,14 +91,14 @@ pub struct BrokenWindow {
     pub window: u32,
     /// The environment that measured it.
     pub environment: String,
-    /// Why.
+    /// The reason, as `matrix status` prints it.
     pub reason: String,
 }
 
 /// An environment that may exist.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct OpenEnvironment {
-    /// Its name.
+    /// The environment's name.
     pub environment: String,
     /// When its creation was announced, RFC 3339.
     pub begun: String,

@@ -37,7 +37,7 @@ pub enum SendError {
     /// A file or folder refused.
     #[error("cannot read {}", path.display())]
     Read {
-        /// Which.
+        /// The file or folder that could not be sent.
         path: PathBuf,
         /// The system's words.
         source: io::Error,

@@ -24,7 +24,7 @@ struct Framed<P> {
 /// A packet that came out.
 #[derive(Debug, PartialEq, Eq)]
 pub struct Arrived<P> {
-    /// When.
+    /// The virtual time, in nanoseconds since the beginning.
     pub at_ns: i64,
     /// The packet.
     pub packet: P,
