@@ -104,6 +104,19 @@ fn each_round_makes_every_scenario_anew_in_an_order_of_its_own() {
         pair["verdict"], report["contrasts"][0]["verdict"],
         "environments decide"
     );
+    let tables = std::fs::read_to_string(workplace.run_directory().join("report/tables.md")).unwrap();
+    let first = tables
+        .split("\n## ")
+        .find(|section| section.starts_with("How large the differences are, all at once"))
+        .unwrap_or_else(|| panic!("{tables}"));
+    let first = first.split_whitespace().collect::<Vec<_>>().join(" ");
+    let shift_mm = 1e3 * pair["shift_m"].as_f64().unwrap();
+    let places = if shift_mm.abs() < 9.995 { 2 } else { 1 };
+    assert!(
+        first.contains(&format!("| {shift_mm:+.places$} | [")),
+        "{shift_mm}: {first}"
+    );
+    assert!(first.contains("takes environments for the units"), "{first}");
     let together = &report["replicates"]["together"];
     assert_eq!(
         together["between_environments"]["degrees_of_freedom"], 4.0,

@@ -9,7 +9,7 @@ use statistics::{
     mean_shift::MeanShift,
     multiplicity::{benjamini_yekutieli, holm},
     permutation::{self, MaxT},
-    relabelling::{Effort, PermutationTest},
+    relabelling::{Coverage, Effort, PermutationTest},
     serial::SerialDependence,
     shape::ShapeTests,
 };
@@ -25,6 +25,8 @@ pub struct Contrasts {
     pub pairs: Vec<Contrast>,
     /// Letters of the pairs without.
     pub without_data: Vec<(String, String)>,
+    /// The draws that each pair's test of the shift has, if the family is so large that so few cannot reach α.
+    pub too_few_draws: Option<u64>,
     /// How the family's windows were dealt; none without a pair.
     pub max_t: Option<MaxT>,
     /// How the windows of a scenario depend on their neighbours in time; none where no scenario has three.
@@ -141,6 +143,8 @@ impl Verdict {
 const LABELLINGS: u64 = 100_000_000;
 /// The same of the tests of shifts, each of which is looked for some hundred times.
 const SHIFT_LABELLINGS: u64 = 20_000_000;
+/// Those of one pair, which are held in memory: a hundred megabytes.
+const MOST_SHIFT_DRAWS: u64 = 2_000_000;
 /// The same of the tests that walk along all values, in values.
 const VALUES_WALKED: u64 = 1_000_000_000;
 /// Window pairs up to which blocks are permuted.
@@ -173,11 +177,13 @@ impl Contrasts {
             }
         }
         let max_t = max_t(&scenarios, &tested, work.effort);
+        let too_few_draws = tested.iter().filter_map(|pair| pair.too_few_draws(&work)).min();
         let levels: Vec<&[f64]> = scenarios.iter().map(|it| it.levels.as_slice()).collect();
         Self {
             family: settings.family.clone(),
             pairs: adjusted(tested, max_t.as_ref(), &work, settings),
             without_data,
+            too_few_draws,
             max_t,
             serial: SerialDependence::of(&levels, settings.seed),
         }
@@ -271,9 +277,12 @@ impl Work {
             .at_most(LABELLINGS / pairs as u64)
     }
 
+    /// With draws enough for Holm's first step where those of levels are, or no pair of a large family could be told to differ.
     fn of_shifts(&self) -> Effort {
-        self.of_levels()
-            .at_most(SHIFT_LABELLINGS / self.pairs.max(1) as u64)
+        let pairs = self.pairs.max(1);
+        let needed = (2.0 * pairs as f64 / self.alpha).min(MOST_SHIFT_DRAWS as f64) as u64;
+        let affordable = (SHIFT_LABELLINGS / pairs as u64).min(MOST_SHIFT_DRAWS);
+        self.of_levels().at_most(needed.max(affordable))
     }
 
     /// Of tests that walk along all values of that many windows.
@@ -291,6 +300,8 @@ struct Tested<'a> {
     shape: ShapeTests,
     blocks: Option<BlockCount>,
     p_shift: Option<f64>,
+    /// The draws of that test; none if all its labellings were looked at.
+    shift_draws: Option<u64>,
     simultaneous_m: Option<Interval>,
     effect: Effect,
 }
@@ -308,11 +319,21 @@ impl<'a> Tested<'a> {
                 .with_blocks
                 .then(|| BlockCount::of(&a.windows, &b.windows, settings.alpha, settings.seed)),
             p_shift: shift.as_ref().map(|shift| shift.p(0.0)),
+            shift_draws: shift
+                .as_ref()
+                .filter(|shift| shift.coverage == Coverage::MonteCarlo)
+                .map(MeanShift::looked_at),
             simultaneous_m: shift.as_ref().and_then(|shift| shift.interval(confidence)),
             effect: Effect::of(&a.windows, &b.windows, shift.as_ref())?,
             a,
             b,
         })
+    }
+
+    /// The draws of the test of the shift, if so few cannot reach α by Holm, however far apart the pair is.
+    fn too_few_draws(&self, work: &Work) -> Option<u64> {
+        self.shift_draws
+            .filter(|draws| work.pairs as f64 / *draws as f64 >= work.alpha)
     }
 
     /// What its p can be at the least.
@@ -588,6 +609,39 @@ mod tests {
         for pair in &contrasts.pairs {
             assert_eq!(pair.verdict, Verdict::Differ, "{pair:?}");
         }
+    }
+
+    #[rstest]
+    #[case::more_than_nine_scenarios(45, 0.0001)]
+    #[case::eighteen_scenarios(153, 0.001)]
+    fn no_pair_of_a_large_family_is_left_open_for_want_of_draws(#[case] pairs: usize, #[case] alpha: f64) {
+        let many = |from: f64| Vec::from_iter((0..12).map(|it| from + f64::from(it) * 1e-3));
+        let work = Work {
+            effort: Effort::of_a_report(0),
+            pairs,
+            longest: 60,
+            with_blocks: false,
+            alpha,
+        };
+        let shift = MeanShift::of(&many(0.1), &many(0.5), work.of_shifts()).unwrap();
+        assert_eq!(shift.coverage, Coverage::MonteCarlo);
+        assert!(shift.p(0.0) * (pairs as f64) < alpha, "{}", shift.p(0.0));
+    }
+
+    #[test]
+    fn a_family_too_large_for_its_draws_is_known() {
+        let few = |from: f64| Vec::from_iter((0..12).map(|it| from + f64::from(it) * 1e-3));
+        let samples = [levels("a", &few(0.1)), levels("b", &few(0.5))].concat();
+        let of = |alpha: f64| {
+            let settings = ReportSettings {
+                alpha,
+                ..ReportSettings::default()
+            };
+            Contrasts::of(&[("a", "b")], &samples, &settings).too_few_draws
+        };
+        assert_eq!(of(0.001), None);
+        // So few labellings there are not, but so few are drawn.
+        assert!(of(1e-8).is_some());
     }
 
     #[test]

@@ -2,12 +2,82 @@
 //! not matter: what a reader sees before any count. The main type is [`Forest`]; [`figure::forest`](super::figure) draws it and
 //! [`Forest::text`] is it for a terminal.
 
-use statistics::effect::Interval;
+use statistics::effect::{Estimate, Interval};
 
-use crate::analysis::{contrast::Contrast, report::Report};
+use crate::analysis::{
+    contrast::{Contrast, Verdict},
+    replicates::{EnvironmentContrast, Replicates},
+    report::Report,
+};
 
 /// Pairs that are drawn.
 const MOST_DRAWN: usize = 60;
+
+/// By how much the second scenario of a pair is above the first, in the unit of analysis that its verdict has.
+#[derive(Debug, Clone, PartialEq)]
+pub(crate) struct Shift {
+    pub(crate) a: String,
+    pub(crate) b: String,
+    /// In metres, with the interval of the pair by itself.
+    pub(crate) shift_m: Estimate,
+    /// The interval that holds for all pairs of the family at once; none where so few windows or environments cannot have it.
+    pub(crate) all_m: Option<Interval>,
+    pub(crate) verdict: Verdict,
+}
+
+impl Shift {
+    /// Of each pair of the family.
+    pub(crate) fn all(report: &Report) -> Vec<Self> {
+        let pairs = report.contrasts.pairs.iter();
+        let shift = |pair: &Contrast| match &report.replicates {
+            None => Self::of_windows(pair),
+            Some(replicates) => Self::of_environments(pair, replicates.find(&pair.a, &pair.b)),
+        };
+        pairs.map(shift).collect()
+    }
+
+    fn of_windows(pair: &Contrast) -> Self {
+        Self {
+            a: pair.a.clone(),
+            b: pair.b.clone(),
+            shift_m: pair.effect.shift_m,
+            all_m: pair.simultaneous_m,
+            verdict: pair.verdict,
+        }
+    }
+
+    /// Windows of one environment share what it has of its own: an interval that takes them for independent is too short.
+    fn of_environments(pair: &Contrast, found: Option<&EnvironmentContrast>) -> Self {
+        let alone = |it: &EnvironmentContrast| it.interval.filter(|_| !it.is_simultaneous);
+        Self {
+            a: pair.a.clone(),
+            b: pair.b.clone(),
+            shift_m: Estimate {
+                value: found.map_or(pair.effect.shift_m.value, |it| it.shift_m),
+                interval: found.and_then(alone),
+            },
+            all_m: found.and_then(|it| it.interval.filter(|_| it.is_simultaneous)),
+            verdict: pair.verdict,
+        }
+    }
+}
+
+/// The confidence of each interval that holds for all pairs at once, 0 to 1.
+pub(crate) fn simultaneous_confidence(report: &Report) -> f64 {
+    let of_environments = |it: &Replicates| 1.0 - report.settings.alpha / it.pairs.len().max(1) as f64;
+    report.replicates.as_ref().map_or_else(
+        || report.contrasts.simultaneous_confidence(&report.settings),
+        of_environments,
+    )
+}
+
+/// The unit of the verdicts.
+pub(crate) const fn unit(report: &Report) -> &'static str {
+    match report.replicates {
+        None => "window",
+        Some(_) => "environment",
+    }
+}
 
 /// The shifts of the pairs of a family, in millimetres.
 #[derive(Debug, Clone, PartialEq)]
@@ -20,6 +90,8 @@ pub(crate) struct Forest {
     pub(crate) margin_mm: Option<f64>,
     /// The confidence of each simultaneous interval, 0 to 1.
     pub(crate) confidence: f64,
+    /// What each mean is of: [`unit`].
+    pub(crate) unit: &'static str,
 }
 
 /// One pair.
@@ -28,20 +100,20 @@ pub(crate) struct Row {
     /// Both letters.
     pub(crate) name: String,
     pub(crate) shift_mm: f64,
-    /// The interval of the pair by itself; none with a single window.
+    /// The interval of the pair by itself; none with a single window, and of environments only where none holds for all pairs.
     pub(crate) each_mm: Option<(f64, f64)>,
     /// The interval that holds for all pairs at once; none where so few windows cannot have it.
     pub(crate) all_mm: Option<(f64, f64)>,
 }
 
 impl Row {
-    fn of(pair: &Contrast) -> Self {
+    fn of(pair: &Shift) -> Self {
         let millimetres = |interval: Interval| (interval.low * 1e3, interval.high * 1e3);
         Self {
             name: format!("{}–{}", pair.a, pair.b),
-            shift_mm: pair.effect.shift_m.value * 1e3,
-            each_mm: pair.effect.shift_m.interval.map(millimetres),
-            all_mm: pair.simultaneous_m.map(millimetres),
+            shift_mm: pair.shift_m.value * 1e3,
+            each_mm: pair.shift_m.interval.map(millimetres),
+            all_mm: pair.all_m.map(millimetres),
         }
     }
 }
@@ -49,20 +121,21 @@ impl Row {
 impl Forest {
     /// None where no pair of the family has data.
     pub(crate) fn of(report: &Report) -> Option<Self> {
-        let pairs = &report.contrasts.pairs;
-        let mut sizes: Vec<f64> = pairs.iter().map(|pair| pair.effect.shift_m.value.abs()).collect();
+        let pairs = Shift::all(report);
+        let mut sizes: Vec<f64> = pairs.iter().map(|pair| pair.shift_m.value.abs()).collect();
         sizes.sort_by(|a, b| b.total_cmp(a));
         let smallest_drawn = sizes.get(MOST_DRAWN - 1).copied().unwrap_or(0.0);
         let drawn = pairs
             .iter()
-            .filter(|pair| pair.effect.shift_m.value.abs() >= smallest_drawn);
+            .filter(|pair| pair.shift_m.value.abs() >= smallest_drawn);
         let rows: Vec<Row> = drawn.map(Row::of).take(MOST_DRAWN).collect();
         let margin = report.settings.equivalence_margin;
         (!rows.is_empty()).then(|| Self {
             left_out: pairs.len() - rows.len(),
             rows,
             margin_mm: margin.map(|margin| margin.metres() * 1e3),
-            confidence: report.contrasts.simultaneous_confidence(&report.settings),
+            confidence: simultaneous_confidence(report),
+            unit: unit(report),
         })
     }
 
@@ -88,7 +161,10 @@ impl Forest {
         let all = match self.rows.iter().any(|row| row.all_mm.is_some()) {
             true => format!("Thin: the interval of {confidence} that holds for all pairs at once"),
             false => {
-                format!("None holds for all pairs at once: so few windows cannot have one of {confidence}")
+                format!(
+                    "None holds for all pairs at once: so few {}s cannot have one of {confidence}",
+                    self.unit
+                )
             }
         };
         let band = self.margin_mm.map_or_else(
@@ -100,8 +176,9 @@ impl Forest {
             some => format!(" Not drawn: the {} with the smallest shifts.", pairs(some)),
         };
         format!(
-            "By how much the window means of the second scenario are larger. Thick: the interval of each pair by itself. {all}; \
-             {band}.{left_out}"
+            "By how much the {} means of the second scenario are larger. Thick: the interval of each pair by itself. {all}; \
+             {band}.{left_out}",
+            self.unit
         )
     }
 
@@ -185,6 +262,7 @@ mod tests {
             left_out: 0,
             margin_mm: Some(2.0),
             confidence: 0.9995,
+            unit: "window",
         }
     }
 

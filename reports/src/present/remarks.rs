@@ -11,7 +11,7 @@ use crate::{
         declaration,
         report::Report,
     },
-    present::figure,
+    present::{figure, forest::unit},
 };
 
 /// What a reader must know before believing the tables.
@@ -86,7 +86,22 @@ pub(super) fn remarks(report: &Report) -> Vec<String> {
     }
     remarks.extend(unchecked_remark(report));
     remarks.extend(one_environment_remark(report));
+    remarks.extend(too_few_draws(report));
     remarks
+}
+
+/// That a family is so large that the draws which a report has time for decide, and not the windows.
+fn too_few_draws(report: &Report) -> Option<String> {
+    let draws = report
+        .contrasts
+        .too_few_draws
+        .filter(|_| report.replicates.is_none())?;
+    Some(format!(
+        "TOO LARGE A FAMILY: of {} pairs, each has {draws} permutations, and so few cannot reach α = {} after Holm's adjustment, whatever \
+         the windows are. Declare fewer pairs with `report.family`.",
+        report.contrasts.pairs.len(),
+        report.settings.alpha
+    ))
 }
 
 /// That what an environment has of its own cannot be told from what its platform has.
@@ -122,12 +137,13 @@ fn dependent_values(report: &Report) -> Option<String> {
     Some(format!(
         "VALUES WITHIN WINDOWS DEPEND ON EACH OTHER in {}: of {} the {} values are worth {:.0} (lag 1 {:+.2}). The tests of two windows \
          take values for independent, and so reject windows that are alike far more often than α: the counts of Tables III to V are \
-         too high. Read the verdicts, which have the window as the unit.",
+         too high. Read the verdicts, which have the {} as the unit.",
         letters.join(", "),
         worst.id,
         least.n,
         least.effective,
-        least.lag_one()
+        least.lag_one(),
+        unit(report)
     ))
 }
 
@@ -137,10 +153,19 @@ const SERIAL_LEVEL: f64 = 0.01;
 /// That successive windows resemble each other, so that windows are no independent measurements either.
 fn dependent_windows(report: &Report) -> Option<String> {
     let serial = report.contrasts.serial.filter(|serial| serial.p < SERIAL_LEVEL)?;
+    let consequence = match report.replicates {
+        None => {
+            "as where a machine drifts or remembers. Every p-value and interval here takes windows for independent, and is then too \
+             small or too short. Measure each scenario in several environments, spread over time."
+        }
+        Some(_) => {
+            "as where environments differ, or a machine drifts or remembers. The verdicts and the first table have environments as the \
+             units, and allow for that; the tables that have windows as the units do not."
+        }
+    };
     Some(format!(
-        "SUCCESSIVE WINDOWS RESEMBLE EACH OTHER: over all scenarios, {} windows correlate with the next one by {:+.2} (p = {:.4}), as where \
-         a machine drifts or remembers. Every p-value and interval here takes windows for independent, and is then too small or too short. Measure \
-         each scenario in several environments, spread over time.",
+        "SUCCESSIVE WINDOWS RESEMBLE EACH OTHER: over all scenarios, {} windows correlate with the next one by {:+.2} (p = {:.4}), \
+         {consequence}",
         serial.windows, serial.lag_one, serial.p
     ))
 }

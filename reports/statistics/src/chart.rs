@@ -18,7 +18,7 @@
 //! - **A new level does not make it blind**: after [`Chart::restart`], how much nights differ, and φ, come from all nights, each
 //!   around the level of its own time.
 //!
-//! The limit was chosen by simulation (`examples/drift.rs` of this crate; docs/drift.md has its tables): with probability
+//! The limit was chosen by simulation (`reports/examples/referee/drift.rs`; docs/drift.md has its tables): with probability
 //! [`CALIBRATED`] a night, no kind of nights there, of independent ones with normal or heavy tails up to autoregressions with
 //! φ = 0.7, has more false alarms. For smaller
 //! probabilities it goes as P ∝ exp(−h²/2.5), more slowly than the tail of a normal distribution.

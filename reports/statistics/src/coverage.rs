@@ -466,7 +466,7 @@ mod tests {
         assert!(found.both > 0.005, "{found:?}");
     }
 
-    // Of 8 pairs at exactly the margin, each by its own 95 % interval, one or more is told in a fifth of the families.
+    // Of 8 pairs at exactly the margin, each by its own 95 % interval, one or more is told in many of the families.
     #[test]
     fn statements_on_the_margin_hold_for_all_pairs_at_once() {
         let found = margin_errors(8, 8, 0.05, 200, 5);

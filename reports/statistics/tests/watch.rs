@@ -144,6 +144,64 @@ fn what_was_told_stays_told() {
     }
 }
 
+/// Of 20 histories each: those in which a slope is told again that was acknowledged in the night in which it was first named so.
+#[rstest]
+#[case::from_the_first_night(0)]
+#[case::after_thirty_nights(30)]
+#[case::after_sixty_nights(60)]
+fn a_slope_that_is_known_is_not_told_again(#[case] begins: usize) {
+    let again = |seed: &u64| {
+        let mut values = Nights::Normal.values(150, 7000 + seed);
+        for (night, value) in values.iter_mut().enumerate() {
+            *value += 0.1 * night.saturating_sub(begins) as f64;
+        }
+        let mut nights = series(&values, LEVEL);
+        let named = (1..=150).find(|newest| {
+            let changes = watch(&nights[..*newest]).changes;
+            changes.iter().any(|change| change.kind == Kind::Slope)
+        });
+        let Some(named) = named else {
+            return false;
+        };
+        for change in watch(&nights[..named]).changes {
+            nights[change.at].is_known_change = true;
+        }
+        let is_news = |newest: &usize| {
+            let changes = watch(&nights[..*newest]).changes;
+            changes
+                .iter()
+                .any(|it| it.known.is_empty() && it.withdrawn.is_none())
+        };
+        (named..=150).any(|newest| is_news(&newest))
+    };
+    let told: Vec<u64> = (0..20).filter(again).collect();
+    assert!(told.len() <= 2, "{told:?}");
+}
+
+/// A slope that is known ends after 30 nights; a jump comes 40 nights later.
+#[rstest]
+#[case::up(3.0)]
+#[case::down(-3.0)]
+fn a_jump_after_a_slope_that_is_known_is_told(#[case] jump: f64) {
+    let is_told = |seed: &u64| {
+        let mut values = Nights::Normal.values(115, 8000 + seed);
+        for (night, value) in values.iter_mut().enumerate() {
+            *value += 0.1 * night.saturating_sub(30).min(30) as f64;
+            *value += if night >= 100 { jump } else { 0.0 };
+        }
+        let mut nights = series(&values, LEVEL);
+        for change in watch(&nights[..75]).changes {
+            nights[change.at].is_known_change = true;
+        }
+        let changes = watch(&nights).changes;
+        changes
+            .iter()
+            .any(|it| it.known.is_empty() && it.withdrawn.is_none() && it.at.abs_diff(100) <= 5)
+    };
+    let told = (0..20).filter(is_told).count();
+    assert!(told >= 16, "{told}");
+}
+
 #[test]
 fn days_of_the_week_are_taken_out_and_changes_found_sooner() {
     let nights = Nights::Weekends(3.0);

@@ -77,10 +77,10 @@ pub async fn execute(arguments: &PlanArguments, catalogue: Catalogue) -> Result<
         planned.plan.warnings.push(warning);
     }
     let spread = spread_of_levels(arguments)?;
-    let power = planned
-        .plan
-        .windows
-        .as_ref()
+    // Where scenarios have several environments the verdicts are not by windows, and what windows would find says nothing.
+    let by_windows = planned.plan.windows.as_ref();
+    let power = by_windows
+        .filter(|_| planned.plan.environments.is_none())
         .map(|design| (design, design.power(spread)));
     let scenarios = planned.plan.record.scenarios.iter();
     let sensitivity = arguments
@@ -145,7 +145,8 @@ pub struct PlanDocument<'a> {
     /// What a pair of windows would detect; only with `--sensitivity`.
     #[serde(skip_serializing_if = "Option::is_none")]
     sensitivity: Option<Vec<SensitivityRecord<'a>>>,
-    /// The shift of window levels that would be found, by the number of windows; only of `matrix plan`, and with a pair.
+    /// The shift of window levels that would be found, by the number of windows; only of `matrix plan`, with a pair, and if each
+    /// scenario has one environment.
     #[serde(skip_serializing_if = "Option::is_none")]
     power: Option<WindowPower>,
     /// The shift that would be found with 80 % power, in metres, null if none would; only with `--pilot` or `--window-sd`.

@@ -53,7 +53,7 @@ fn on(area: &Area<'_>, forest: &Forest) -> Result<(), DrawingError> {
     let axes = Axes {
         x: low..high,
         y: -0.5..rows + 0.5,
-        names: ["shift of the window means (mm)", ""],
+        names: [&format!("shift of the {} means (mm)", forest.unit), ""],
         ticks: [5, 0],
         sides_pt: [NAMES_PT, 12.0],
     };

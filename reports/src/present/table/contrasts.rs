@@ -9,7 +9,7 @@ use crate::{
         contrast::{Contrast, Contrasts},
         report::Report,
     },
-    present::forest::percent,
+    present::forest::{percent, simultaneous_confidence},
 };
 
 /// The tables.
@@ -222,15 +222,20 @@ fn effects(report: &Report) -> Table {
                  P(larger): that a value of the second is the larger one. Their intervals are of 95 % or more, from how the windows \
                  of a side differ."
             ),
-            "None of these intervals is adjusted for the number of pairs; those of the first table are."
-                .to_owned(),
+            match report.replicates {
+                None => "None of these intervals is adjusted for the number of pairs; those of the first table are.",
+                Some(_) => {
+                    "These intervals take windows for independent, which windows of one environment are not, and are too short \
+                     for that; those of the first table have the environment as the unit."
+                }
+            }
+            .to_owned(),
         ],
     }
 }
 
 /// What holds for all pairs of the family at once.
 pub(super) fn simultaneous(report: &Report) -> String {
-    let contrasts = &report.contrasts;
     let margin = report
         .settings
         .equivalence_margin
@@ -239,7 +244,7 @@ pub(super) fn simultaneous(report: &Report) -> String {
         });
     format!(
         "All at once: intervals of {} each, so that all hold together with {} (Bonferroni).{margin}",
-        percent(contrasts.simultaneous_confidence(&report.settings)),
+        percent(simultaneous_confidence(report)),
         percent(1.0 - report.settings.alpha)
     )
 }

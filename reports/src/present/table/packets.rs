@@ -236,7 +236,7 @@ fn explained(report: &Report) -> Table {
         notes: vec![format!(
             "Of the second scenario against the first, means of window means. Part: of the difference in error, what goes with \
              the difference in the quantity, by the slope of error on it from period to period within windows; r is their \
-             correlation there. Intervals are 95 % bootstraps over windows; the {NAMED} largest parts whose interval is \
+             correlation there. Intervals are bootstraps over windows, about 95 % and less with few windows; the {NAMED} largest parts whose interval is \
              without 0 are named. It goes with it, which is not to say that it causes it; quantities go with each other \
              too, so parts do not add up."
         )],

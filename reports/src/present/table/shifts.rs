@@ -4,29 +4,31 @@ use statistics::effect::Interval;
 
 use super::{
     Table,
-    contrasts::{estimate, rows, signed, simultaneous},
+    contrasts::{estimate, signed, simultaneous},
     texts,
 };
 use crate::{
-    analysis::{contrast::Contrast, report::Report},
-    present::forest::percent,
+    analysis::report::Report,
+    present::forest::{Shift, percent, simultaneous_confidence},
 };
 
 /// The table; none where no pair of the family has data.
 pub(crate) fn of(report: &Report) -> Option<Table> {
-    let contrasts = &report.contrasts;
     let millimetres = |metres: f64| signed(metres * 1e3);
-    let row = |pair: &Contrast| {
+    let row = |pair: &Shift| {
         vec![
-            estimate(&pair.effect.shift_m, millimetres),
-            pair.simultaneous_m.map_or_else(
+            pair.a.clone(),
+            pair.b.clone(),
+            estimate(&pair.shift_m, millimetres),
+            pair.all_m.map_or_else(
                 || "cannot".to_owned(),
                 |Interval { low, high, .. }| format!("[{}, {}]", millimetres(low), millimetres(high)),
             ),
             pair.verdict.name().to_owned(),
         ]
     };
-    (!contrasts.pairs.is_empty()).then(|| Table {
+    let rows: Vec<Vec<String>> = Shift::all(report).iter().map(row).collect();
+    (!rows.is_empty()).then(|| Table {
         id: "shifts".to_owned(),
         title: "How large the differences are, all at once".to_owned(),
         columns: texts(&[
@@ -36,16 +38,24 @@ pub(crate) fn of(report: &Report) -> Option<Table> {
             ("all at once", true),
             ("verdict", false),
         ]),
-        rows: rows(contrasts, row),
-        notes: vec![
-            simultaneous(report),
-            format!(
-                "Shift: of the second scenario against the first, with the interval of each pair by itself. Both intervals are of the \
-                 shifts of the mean level that neither the studentised permutation test nor Welch's rejects: they hold where windows \
-                 are independent, and either differ by a shift alone or have near normal levels of any spread. \"Cannot\": so few \
-                 windows have no interval of {}.",
-                percent(contrasts.simultaneous_confidence(&report.settings))
-            ),
-        ],
+        rows,
+        notes: vec![simultaneous(report), meaning(report)],
     })
+}
+
+fn meaning(report: &Report) -> String {
+    let confidence = percent(simultaneous_confidence(report));
+    match report.replicates {
+        None => format!(
+            "Shift: of the second scenario against the first, with the interval of each pair by itself. Both intervals are of the \
+             shifts of the mean level that neither the studentised permutation test nor Welch's rejects: they hold where windows \
+             are independent, and either differ by a shift alone or have near normal levels of any spread. \"Cannot\": so few \
+             windows have no interval of {confidence}."
+        ),
+        Some(_) => format!(
+            "Shift: the mean of the second scenario's environments less that of the first's. The interval takes environments for the \
+             units, whatever they do to their windows, and holds where the differences of rounds are symmetric around the shift. \
+             \"Cannot\": so few rounds have no interval of {confidence}; the widest that they have is then beside the shift."
+        ),
+    }
 }
