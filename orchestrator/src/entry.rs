@@ -20,7 +20,7 @@ pub fn main_with(outside: &'static [ProviderKind]) -> ExitCode {
     // A shell that asks for completions gets them, and nothing else happens.
     // It is set once, here.
     let _ = completion::COMMAND_LINE.set(Arguments::command);
-    CompleteEnv::with_factory(Arguments::command)
+    CompleteEnv::with_factory(|| completion::with_paths(Arguments::command()))
         .var(completion::VARIABLE)
         .complete();
     let arguments = Arguments::parse();

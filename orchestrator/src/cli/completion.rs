@@ -1,5 +1,5 @@
 //! What a shell completes in the command line that is being written: profiles and scenarios of the matrix file, scenarios
-//! of a run, run directories. [`crate::main_with`] answers the shell with them.
+//! of a run, run directories, other paths. [`crate::main_with`] answers the shell with them.
 //!
 //! The shell's script, which `matrix completions` prints, starts `matrix` with [`VARIABLE`] in the environment and the
 //! command line behind `--`. Nothing is written, no host is asked, and what is wrong or takes long completes nothing.
@@ -13,6 +13,7 @@ use std::{
     time::Duration,
 };
 
+use clap::ValueHint;
 use clap_complete::{
     ArgValueCandidates, ArgValueCompleter, CompletionCandidate, PathCompleter, engine::ValueCompleter as _,
 };
@@ -72,11 +73,38 @@ pub fn runs() -> ArgValueCompleter {
         in_time(move || {
             let runs = runs_in(Path::new(RUNS), &current);
             Some(match runs.is_empty() {
-                true => PathCompleter::dir().complete(&current),
+                true => plain_paths(&PathCompleter::dir(), &current),
                 false => runs,
             })
         })
     })
+}
+
+/// The command line with a completion for each path that has none of these: clap's own proposes whatever a folder has in it.
+#[must_use]
+pub fn with_paths(command: clap::Command) -> clap::Command {
+    let with_path = |argument: clap::Arg| {
+        let is_path = argument.get_value_hint() != ValueHint::Unknown;
+        match is_path && argument.get::<ArgValueCompleter>().is_none() {
+            true => argument.add(ArgValueCompleter::new(|current: &OsStr| {
+                let current = current.to_owned();
+                in_time(move || Some(plain_paths(&PathCompleter::any(), &current)))
+            })),
+            false => argument,
+        }
+    };
+    command.mut_args(with_path).mut_subcommands(with_paths)
+}
+
+/// Of the paths that begin so, those that are one word to every shell.
+fn plain_paths(paths: &PathCompleter, current: &OsStr) -> Vec<CompletionCandidate> {
+    let mut found = paths.complete(current);
+    found.retain(|path| {
+        // The user's own folder, which only the user can have written there.
+        let path = path.get_value().to_str();
+        path.is_some_and(|path| is_plain(path.strip_prefix("~/").unwrap_or(path)))
+    });
+    found
 }
 
 fn candidates(find: fn(Line) -> Option<Vec<CompletionCandidate>>) -> ArgValueCandidates {
@@ -264,6 +292,46 @@ mod tests {
             ..Line::default()
         };
         assert_eq!(values(profiles_of_file(&line)), ["quick"]);
+    }
+
+    #[test]
+    fn a_path_that_a_shell_would_do_something_with_is_not_proposed_for_any_argument() {
+        let folder = tempfile::tempdir().unwrap();
+        for name in [
+            "received$(touch${IFS}PWNED)",
+            "two words",
+            "-rf",
+            "a;b",
+            "`c`",
+            "new\nline",
+            "plain",
+        ] {
+            std::fs::create_dir(folder.path().join(name)).unwrap();
+            std::fs::write(folder.path().join(format!("{name}.yaml")), "").unwrap();
+        }
+        std::fs::create_dir(folder.path().join("it's")).unwrap();
+        std::fs::write(folder.path().join("it's/plain"), "").unwrap();
+        let command = with_paths(<crate::cli::arguments::Arguments as clap::CommandFactory>::command());
+        let of = |it: &clap::Command| it.get_arguments().cloned().collect::<Vec<_>>();
+        let arguments = command.get_subcommands().flat_map(of).chain(of(&command));
+        let mut paths = 0;
+        for argument in arguments.filter(|it| it.get_value_hint() != ValueHint::Unknown) {
+            let completer = argument.get::<ArgValueCompleter>().expect("clap completes it");
+            let beginning_with = |text: &str| {
+                let found = completer.complete(folder.path().join(text).as_os_str());
+                let name = |path: &String| {
+                    path.trim_start_matches(folder.path().to_str().unwrap())
+                        .to_owned()
+                };
+                values(Some(found)).iter().map(name).collect::<Vec<_>>()
+            };
+            let all = beginning_with("");
+            assert!(all.contains(&"/plain/".to_owned()), "{argument}: {all:?}");
+            assert!(all.iter().all(|path| is_plain(path)), "{argument}: {all:?}");
+            assert_eq!(beginning_with("it's/"), Vec::<String>::new(), "{argument}");
+            paths += 1;
+        }
+        assert!(paths > 20, "{paths}");
     }
 
     #[test]
