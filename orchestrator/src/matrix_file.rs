@@ -332,9 +332,8 @@ impl MatrixFile {
 }
 
 fn check_alpha(places: &Places<'_>, report: &ReportSettings, found: &mut Diagnostics) {
-    let alpha = report.alpha;
-    if !(alpha > 0.0 && alpha < 1.0) {
-        let message = format!("α cannot be {alpha}");
+    if report.check().is_err() {
+        let message = format!("α cannot be {}", report.alpha);
         found.push(
             Diagnostic::error(
                 places.source,

@@ -236,7 +236,7 @@ fn pairs(count: usize) -> String {
 
 /// With as many places as tell it from 100 %.
 pub(crate) fn percent(confidence: f64) -> String {
-    let places = (-(1.0 - confidence).log10()).ceil().clamp(2.0, 8.0) as usize - 1;
+    let places = ((-(1.0 - confidence).log10()).ceil().clamp(2.0, 8.0) as usize).saturating_sub(1);
     let text = format!("{:.places$}", confidence * 100.0);
     let text = if text.contains('.') {
         text.trim_end_matches('0').trim_end_matches('.')
@@ -294,6 +294,7 @@ mod tests {
     #[case(0.999, "99.9 %")]
     #[case(1.0 - 0.05 / 36.0, "99.86 %")]
     #[case(1.0 - 0.001 / 36.0, "99.9972 %")]
+    #[case::none(f64::NAN, "NaN %")]
     fn a_confidence_is_told_from_certainty(#[case] confidence: f64, #[case] text: &str) {
         assert_eq!(percent(confidence), text);
     }

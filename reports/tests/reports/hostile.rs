@@ -232,6 +232,20 @@ fn no_number_of_a_windows_record_ends_a_report_or_the_drift_watch(
     }
 }
 
+#[rstest]
+#[case::negative(-1.0)]
+#[case::large(1e308)]
+#[case::two(2.0)]
+fn a_setting_of_the_report_that_no_matrix_file_may_have_is_an_error(#[case] alpha: f64) {
+    let synthetic = run();
+    let path = synthetic.directory.manifest().path();
+    let mut manifest: serde_json::Value = serde_json::from_slice(&fs::read(&path).unwrap()).unwrap();
+    manifest["report"]["alpha"] = alpha.into();
+    fs::write(&path, manifest.to_string()).unwrap();
+    let told = record::causes::with_causes(&reports::load(synthetic.directory.path()).unwrap_err());
+    assert!(told.contains("`report.alpha` is"), "{told}");
+}
+
 #[test]
 fn an_environment_that_never_ends_is_a_platform_that_is_not_known() {
     let synthetic = run();

@@ -11,6 +11,7 @@ use crate::{
     family::Family,
     quantity::Length,
     run_directory::{PeriodError, PlannedScenario},
+    window::Impossible,
 };
 
 /// How samples are taken and compared. Printed with every table.
@@ -59,6 +60,20 @@ fn is_zero(seed: &u64) -> bool {
 impl ReportSettings {
     /// The settings that had another name in earlier versions: that name, which `alias` reads too, and the setting's own.
     pub const RENAMED: [(&str, &str); 2] = [("control", "baseline"), ("matters", "equivalence_margin")];
+
+    /// Looks whether statistics can be computed with them: of a matrix file as of a run directory.
+    ///
+    /// # Errors
+    /// The first with which they cannot.
+    pub fn check(&self) -> Result<(), Impossible> {
+        match self.alpha > 0.0 && self.alpha < 1.0 {
+            true => Ok(()),
+            false => Err(Impossible {
+                field: "report.alpha",
+                value: self.alpha.to_string(),
+            }),
+        }
+    }
 
     /// Whether a scenario belongs to the baseline.
     #[must_use]

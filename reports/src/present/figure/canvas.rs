@@ -144,6 +144,13 @@ pub(super) struct Axes<'a> {
 
 impl Axes<'_> {
     pub(super) fn draw<'a>(self, area: &Area<'a>) -> Result<Chart<'a>, DrawingError> {
+        // The drawing library would look for numbers at an axis without ends for ever.
+        if [&self.x, &self.y]
+            .iter()
+            .any(|axis| !(axis.end - axis.start).is_finite())
+        {
+            return Err(DrawingError::LayoutError);
+        }
         let mut chart = ChartBuilder::on(area)
             .margin_top(pt(4.0))
             .margin_right(pt(self.sides_pt[1]))

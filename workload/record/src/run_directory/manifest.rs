@@ -5,7 +5,7 @@ use std::{fmt, path::PathBuf};
 use serde::{Deserialize, Deserializer, Serialize, Serializer};
 use serde_json::{Map, Value};
 
-use crate::{connection::Connection, name::name, report_settings::ReportSettings};
+use crate::{connection::Connection, name::name, report_settings::ReportSettings, window::Impossible};
 
 /// What was asked of this run; written once, before anything else happens.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
@@ -52,6 +52,16 @@ pub struct Manifest {
     /// Whether this is a copy from which names were taken (`reports::redaction`): it can be reported, and not resumed.
     #[serde(default, skip_serializing_if = "std::ops::Not::not")]
     pub redacted: bool,
+}
+
+impl Manifest {
+    /// Looks whether it is one that `matrix` could have written: it comes from a run directory.
+    ///
+    /// # Errors
+    /// What is not.
+    pub fn check(&self) -> Result<(), Impossible> {
+        self.report.check()
+    }
 }
 
 /// A revision of sources in git.

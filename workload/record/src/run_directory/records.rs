@@ -6,7 +6,7 @@ use std::io;
 use sha2::{Digest, Sha256};
 
 use super::{
-    FORMAT, Journal, Manifest, PlanRecord, RunDirectory, RunState,
+    FORMAT, Journal, Manifest, Place, PlanRecord, RunDirectory, RunState,
     reading::{ReadError, read_checked},
 };
 
@@ -36,12 +36,14 @@ impl RunRecords {
         let state = RunState::replay(entries);
         let place = directory.plan();
         let plan: PlanRecord = read_checked(&place, FORMAT, state.plan_sha256.as_deref())?;
-        plan.check().map_err(|source| ReadError::Impossible {
-            path: place.path(),
-            source,
-        })?;
+        let impossible = |place: &Place| {
+            let path = place.path();
+            |source| ReadError::Impossible { path, source }
+        };
+        plan.check().map_err(impossible(&place))?;
         let place = directory.manifest();
         let manifest: Manifest = read_checked(&place, FORMAT, state.manifest_sha256.as_deref())?;
+        manifest.check().map_err(impossible(&place))?;
         if !manifest.has_its_matrix() {
             return Err(ReadError::Damaged {
                 path: place.path(),
