@@ -602,14 +602,15 @@ fn copy_scenario(
                 let text = redaction.text(&String::from_utf8_lossy(&read_file(&file, LONGEST_RECORD)?));
                 write(&copy, text.as_bytes())?;
             }
-            None if was_measured(&file) => {
+            None => {
+                let Some(bytes) = measured_bytes(&file) else {
+                    continue;
+                };
                 make_folder_of(&copy)?;
-                let copied = file
-                    .open()
-                    .and_then(|mut from| io::copy(&mut from, &mut copy.create()?));
+                let mut from = file.open_within(bytes).map_err(at(&file.path()))?;
+                let copied = copy.create().and_then(|mut to| io::copy(&mut from, &mut to));
                 copied.map(drop).map_err(at(&copy.path()))?;
             }
-            None => {}
         }
     }
     Ok(())
@@ -623,11 +624,11 @@ fn ensure_as_written(document: &Place, known: &ScenarioState) -> Result<(), Read
     }
 }
 
-/// Whether the record of the window beside it names it, with its checksum.
-fn was_measured(file: &Place) -> bool {
-    let record = read_window(&file.parent(), None);
-    let name = file.name();
-    record.is_ok_and(|record| record.files.iter().any(|file| file.name == name))
+/// How long it was when it was measured, if the record of the window beside it names it.
+fn measured_bytes(file: &Place) -> Option<u64> {
+    let record = read_window(&file.parent(), None).ok()?;
+    let recorded = record.files.iter().find(|it| it.name == file.name())?;
+    Some(recorded.bytes)
 }
 
 fn copy_document(

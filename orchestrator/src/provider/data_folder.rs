@@ -68,8 +68,6 @@ pub struct DataFile {
 const PIECE: usize = 256 << 10;
 /// A line a second: half a year.
 const LONGEST_PROGRESS: u64 = 4 << 30;
-/// A window of 6000 s is some hundred megabytes; a day of the paper's network at full rate stays below this.
-const LONGEST_LOG: u64 = 256 << 30;
 
 impl DataFile {
     /// The file that `path`, relative to the data folder, is; none if a data folder has no such file.
@@ -205,8 +203,8 @@ fn longest_of_window(file: &str) -> Option<u64> {
     };
     match file {
         layout::WINDOW => Some(WindowRecord::MOST_BYTES),
-        layout::CONTROL_LOG | layout::PLANT_LOG => Some(LONGEST_LOG),
-        _ if is_capture() => Some(LONGEST_LOG),
+        layout::CONTROL_LOG | layout::PLANT_LOG => Some(WindowRecord::LONGEST_FILE),
+        _ if is_capture() => Some(WindowRecord::LONGEST_FILE),
         _ => None,
     }
 }

@@ -28,7 +28,7 @@ pub(super) struct Logged {
 pub(super) struct LoggedMessages {
     topic: Topic,
     messages: Messages,
-    logs: std::vec::IntoIter<Place>,
+    logs: std::vec::IntoIter<(Place, u64)>,
     open: Option<OpenLog>,
     last_state: u64,
 }
@@ -44,8 +44,8 @@ struct OpenLog {
 }
 
 impl LoggedMessages {
-    /// Of these logs.
-    pub fn new(topic: Topic, messages: Messages, logs: Vec<Place>) -> Self {
+    /// Of these logs, each of at most so many bytes.
+    pub fn new(topic: Topic, messages: Messages, logs: Vec<(Place, u64)>) -> Self {
         Self {
             topic,
             messages,
@@ -64,7 +64,7 @@ impl LoggedMessages {
             let open = match &mut self.open {
                 Some(open) => open,
                 None => match self.logs.next() {
-                    Some(log) => self.open.insert(OpenLog::new(log, self.topic)?),
+                    Some((log, bytes)) => self.open.insert(OpenLog::new(log, bytes, self.topic)?),
                     None => return Ok(None),
                 },
             };
@@ -118,8 +118,8 @@ fn logged(topic: Topic, messages: Messages, [number, stamp_ns, received_ns]: [i6
 }
 
 impl OpenLog {
-    fn new(place: Place, topic: Topic) -> Result<Self, ReadError> {
-        let file = place.open().map_err(|source| ReadError::Io {
+    fn new(place: Place, most_bytes: u64, topic: Topic) -> Result<Self, ReadError> {
+        let file = place.open_within(most_bytes).map_err(|source| ReadError::Io {
             path: place.path(),
             source,
         })?;
@@ -203,6 +203,7 @@ mod tests {
     }
 
     fn all(topic: Topic, logs: Vec<Place>) -> Result<Vec<(u64, i64, Option<i64>)>, ReadError> {
+        let logs = logs.into_iter().map(|log| (log, 1 << 20)).collect();
         let mut messages = LoggedMessages::new(topic, Messages::Rates, logs);
         let mut found = Vec::new();
         while let Some(Logged {
@@ -230,6 +231,15 @@ mod tests {
         );
         let commands = [1, 2, 3, 4, 5].map(|seq| (seq, seq as i64 * 100, None));
         assert_eq!(all(Topic::Command, paths).unwrap(), commands);
+    }
+
+    #[test]
+    fn a_log_that_is_longer_than_what_was_measured_is_not_read() {
+        let folder = tempfile::tempdir().unwrap();
+        let log = write(folder.path(), "1", "0,100,0,0,0\n");
+        let mut messages = LoggedMessages::new(Topic::Command, Messages::Rates, vec![(log, 10)]);
+        let told = record::causes::with_causes(&messages.next().unwrap_err());
+        assert!(told.ends_with("it has 70 bytes instead of 10"), "{told}");
     }
 
     #[test]

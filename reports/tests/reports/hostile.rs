@@ -232,6 +232,39 @@ fn no_number_of_a_windows_record_ends_a_report_or_the_drift_watch(
     }
 }
 
+/// On a disk it takes one block.
+fn make_sparse(path: &Path) {
+    let file = fs::OpenOptions::new().write(true).open(path).unwrap();
+    file.set_len(15 << 40).unwrap();
+}
+
+#[rstest]
+fn a_log_that_is_longer_than_it_was_measured_takes_its_window_out_at_once(
+    #[values(false, true)] recorded_so: bool,
+) {
+    let synthetic = run();
+    make_sparse(&synthetic.directory.window(SLUG, 2).join("control.csv").path());
+    if recorded_so {
+        synthetic.edit_window(SLUG, 2, |record| record.files[0].bytes = 15 << 40);
+    }
+    let run = reports::load(synthetic.directory.path()).unwrap();
+    assert_eq!(run.scenarios[0].counted().count(), 3);
+    let found = reports::input::verification::verify(&synthetic.directory).unwrap();
+    assert_eq!(found.damaged.len(), 1, "{found:?}");
+    let _ = write_messages(&synthetic.directory, &[]);
+}
+
+#[test]
+fn a_file_that_is_longer_than_it_was_measured_is_not_copied() {
+    let synthetic = run();
+    make_sparse(&synthetic.directory.window(SLUG, 2).join("control.csv").path());
+    let copies = tempfile::tempdir().unwrap();
+    let redaction = reports::redaction::Redaction::default();
+    let error = reports::redaction::copy(&synthetic.directory, &copies.path().join("copy"), &redaction);
+    let told = record::causes::with_causes(&error.unwrap_err());
+    assert!(told.contains("control.csv"), "{told}");
+}
+
 #[rstest]
 #[case::negative(-1.0)]
 #[case::large(1e308)]

@@ -92,6 +92,8 @@ impl WindowRecord {
     const LONGEST_NS: i64 = 1 << 59;
     /// Three virtual hosts, two logs, with room for more.
     const MOST_FILES: usize = 64;
+    /// No file of a window is longer. One of 6000 s has some hundred megabytes; a day of the paper's network at full rate stays below.
+    pub const LONGEST_FILE: u64 = 256 << 30;
     /// Captures are compressed to a quarter or a fifth; what shrinks to less than a thousandth is none.
     const MOST_COMPRESSION: u64 = 1000;
 
@@ -160,6 +162,9 @@ impl WindowRecord {
             if found > Self::MOST_FILES {
                 return wrong(field, format!("a list of {found}"));
             }
+        }
+        if let Some(file) = self.files.iter().find(|file| file.bytes > Self::LONGEST_FILE) {
+            return wrong("files", format!("{} bytes of {}", file.bytes, file.name));
         }
         let is_bomb = |file: &&FileRecord| {
             let measured = file.measured.as_ref().map_or(0, |it| it.bytes);

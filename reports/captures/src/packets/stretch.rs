@@ -22,9 +22,15 @@ pub struct CapturedWindow {
 }
 
 impl CapturedWindow {
-    /// Its control log.
-    pub fn log(&self) -> Place {
-        self.folder.join(layout::CONTROL_LOG)
+    /// Its control log, and how long it was when it was measured.
+    pub fn log(&self) -> (Place, u64) {
+        let recorded = self
+            .record
+            .files
+            .iter()
+            .find(|file| file.name == layout::CONTROL_LOG);
+        let bytes = recorded.map_or(WindowRecord::LONGEST_FILE, |file| file.bytes);
+        (self.folder.join(layout::CONTROL_LOG), bytes)
     }
 
     /// Whether its captures are there to be read.

@@ -1,7 +1,10 @@
 //! A log of a window: CSV with a header, whose length and checksum `window.json` has. [`read_log`] reads one; what can be wrong
 //! with it is [`Fault`].
 
-use std::{fs::File, io};
+use std::{
+    fs::File,
+    io::{self, Read as _, Take},
+};
 
 use sha2::{Digest, Sha256};
 
@@ -22,7 +25,7 @@ impl LogError {
     /// Whether the system could not read it: nobody knows what is in it then.
     #[must_use]
     pub fn is_of_the_system(&self) -> bool {
-        matches!(&self.fault, Fault::Csv(error) if error.is_io_error())
+        matches!(&self.fault, Fault::Csv(error) if error.is_io_error()) && !self.changed
     }
 
     /// Whose fault it is.
@@ -141,18 +144,22 @@ impl Fault {
 pub(super) fn read_log<T>(
     place: &Place,
     record: &FileRecord,
-    parse: impl FnOnce(&mut Hashing<File>) -> Result<(T, u64), Fault>,
+    parse: impl FnOnce(&mut Hashing<Take<File>>) -> Result<(T, u64), Fault>,
 ) -> Result<T, LogError> {
     let unreadable = |source: io::Error| LogError {
+        // One that does not take the room that it says it has is none that was measured.
+        changed: source.kind() == io::ErrorKind::FileTooLarge,
         fault: Fault::unreadable(source),
-        changed: false,
     };
-    let mut file = Hashing::new(place.open().map_err(unreadable)?);
+    let file = place.open().map_err(unreadable)?;
+    let bytes = file.metadata().map_err(unreadable)?.len();
+    // What is behind is not of the file that was measured, and may have no end.
+    let mut file = Hashing::new(file.take(record.bytes));
     let parsed = parse(&mut file);
     // To the end in any case: whether the file is the one that was measured decides what is to be done.
     io::copy(&mut file, &mut io::sink()).map_err(unreadable)?;
     let ends_well = file.last == b'\n';
-    let difference = file.difference(record);
+    let difference = file.difference(record, bytes);
     let changed = difference.is_some();
     let cut = |lines| Err(Fault::Cut { line: lines });
     let checked = match parsed {
@@ -246,7 +253,6 @@ fn shown(field: &[u8]) -> String {
 pub(super) struct Hashing<R> {
     inner: R,
     hasher: Sha256,
-    bytes: u64,
     last: u8,
 }
 
@@ -255,12 +261,11 @@ impl<R> Hashing<R> {
         Self {
             inner,
             hasher: Sha256::new(),
-            bytes: 0,
             last: 0,
         }
     }
 
-    fn difference(self, record: &FileRecord) -> Option<Fault> {
+    fn difference(self, record: &FileRecord, bytes: u64) -> Option<Fault> {
         let difference = |what, expected: String, found: String| {
             Some(Fault::Changed {
                 what,
@@ -268,8 +273,8 @@ impl<R> Hashing<R> {
                 found,
             })
         };
-        if self.bytes != record.bytes {
-            return difference("length", record.bytes.to_string(), self.bytes.to_string());
+        if bytes != record.bytes {
+            return difference("length", record.bytes.to_string(), bytes.to_string());
         }
         let sha256 = format!("{:x}", self.hasher.finalize());
         if sha256.eq_ignore_ascii_case(&record.sha256) {
@@ -284,7 +289,6 @@ impl<R: io::Read> io::Read for Hashing<R> {
         let read = self.inner.read(buffer)?;
         let bytes = buffer.get(..read).unwrap_or_default();
         self.hasher.update(bytes);
-        self.bytes += read as u64;
         self.last = bytes.last().copied().unwrap_or(self.last);
         Ok(read)
     }

@@ -8,7 +8,7 @@ use std::{
     ffi::OsStr,
     fmt, fs,
     fs::File,
-    io::{self, BufWriter, Read as _, Write as _},
+    io::{self, BufWriter, Read as _, Seek as _, Write as _},
     path::{Component, Path, PathBuf},
 };
 
@@ -17,7 +17,7 @@ use cap_std::{
     ambient_authority,
     fs::{Dir, FileType, OpenOptions, OpenOptionsExt as _},
 };
-use rustix::fs::{Mode, OFlags, fsync, openat};
+use rustix::fs::{Mode, OFlags, SeekFrom, fsync, openat, seek};
 use sha2::{Digest, Sha256};
 
 /// A file or folder below a root.
@@ -35,6 +35,19 @@ pub struct FileDigest {
     pub bytes: u64,
     /// Its SHA-256, in hexadecimal.
     pub sha256: String,
+}
+
+impl FileDigest {
+    /// Of what is left to read of a file.
+    ///
+    /// # Errors
+    /// When it cannot be read.
+    pub fn of(mut file: File) -> io::Result<Self> {
+        let mut hasher = Sha256::new();
+        let bytes = io::copy(&mut file, &mut hasher)?;
+        let sha256 = format!("{:x}", hasher.finalize());
+        Ok(Self { bytes, sha256 })
+    }
 }
 
 /// What is at a place.
@@ -150,11 +163,29 @@ impl Place {
     /// Opens a regular file for reading.
     ///
     /// # Errors
-    /// When it is not there, or is something else.
+    /// When it is not there, is something else, or says that it is longer than it has bytes on the disk.
     pub fn open(&self) -> io::Result<File> {
         let mut options = OpenOptions::new();
         options.read(true);
-        self.open_with(&options)
+        let mut file = self.open_with(&options)?;
+        ensure_it_has_no_holes(&mut file)?;
+        Ok(file)
+    }
+
+    /// Opens a regular file of at most so many bytes for reading.
+    ///
+    /// # Errors
+    /// As [`Self::open`], and when it is longer.
+    pub fn open_within(&self, most_bytes: u64) -> io::Result<File> {
+        let file = self.open()?;
+        let bytes = file.metadata()?.len();
+        match bytes > most_bytes {
+            true => Err(io::Error::new(
+                io::ErrorKind::FileTooLarge,
+                format!("it has {bytes} bytes instead of {most_bytes}"),
+            )),
+            false => Ok(file),
+        }
     }
 
     /// Opens a regular file as `options` say, which do not create it.
@@ -211,10 +242,7 @@ impl Place {
     /// # Errors
     /// When it is not there, is something else, or cannot be read.
     pub fn digest(&self) -> io::Result<FileDigest> {
-        let mut hasher = Sha256::new();
-        let bytes = io::copy(&mut self.open()?, &mut hasher)?;
-        let sha256 = format!("{:x}", hasher.finalize());
-        Ok(FileDigest { bytes, sha256 })
+        self.open().and_then(FileDigest::of)
     }
 
     /// Creates a file that is not there yet.
@@ -400,6 +428,26 @@ impl Drop for Unfinished {
     }
 }
 
+/// A file of zeros takes no room on a disk, however long it says that it is: to read it to its end takes days, and a copy fills the
+/// disk. matrix writes none. A short one is read sooner than its file system says where its holes are.
+fn ensure_it_has_no_holes(file: &mut File) -> io::Result<()> {
+    const SHORT: u64 = 16 << 20;
+    let bytes = file.metadata()?.len();
+    if bytes <= SHORT {
+        return Ok(());
+    }
+    // A file system that does not know has no hole before the end.
+    let whole = seek(&*file, SeekFrom::Hole(0)).unwrap_or(bytes);
+    file.rewind()?;
+    match whole < bytes {
+        true => Err(io::Error::new(
+            io::ErrorKind::FileTooLarge,
+            format!("it has {bytes} bytes, not all of them on the disk: matrix writes no file with holes"),
+        )),
+        false => Ok(()),
+    }
+}
+
 fn enter(folder: &Dir, name: &OsStr) -> io::Result<Dir> {
     let kind = Kind::from(folder.symlink_metadata(name)?.file_type());
     match kind {
@@ -438,5 +486,41 @@ fn absent_is_well(done: io::Result<()>) -> io::Result<()> {
     match done {
         Err(error) if error.kind() != io::ErrorKind::NotFound => Err(error),
         _ => Ok(()),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// A file with so many zeros that take no room, and its folder.
+    fn sparse(bytes: u64) -> (tempfile::TempDir, Place) {
+        let folder = tempfile::tempdir().unwrap();
+        let place = Place::root(folder.path()).join("file");
+        fs::write(place.path(), "begins well\n").unwrap();
+        let file = fs::OpenOptions::new().write(true).open(place.path());
+        file.unwrap().set_len(bytes).unwrap();
+        (folder, place)
+    }
+
+    #[test]
+    fn a_file_of_zeros_that_take_no_room_is_refused_at_once() {
+        let (_folder, place) = sparse(15 << 40);
+        let error = place.digest().unwrap_err();
+        assert!(error.to_string().contains("holes"), "{error}");
+        assert_eq!(place.open().unwrap_err().kind(), io::ErrorKind::FileTooLarge);
+    }
+
+    #[test]
+    fn a_file_without_holes_is_read_from_its_beginning() {
+        let folder = tempfile::tempdir().unwrap();
+        let place = Place::root(folder.path()).join("file");
+        let bytes: Vec<u8> = (0..=255).cycle().take(17 << 20).collect();
+        fs::write(place.path(), &bytes).unwrap();
+        assert_eq!(place.read(u64::MAX).unwrap(), bytes);
+        assert_eq!(
+            place.open_within(bytes.len() as u64 - 1).unwrap_err().kind(),
+            io::ErrorKind::FileTooLarge
+        );
     }
 }

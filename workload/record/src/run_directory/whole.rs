@@ -4,7 +4,7 @@
 
 use std::io;
 
-use super::{Place, ReadError, read_window};
+use super::{FileDigest, Place, ReadError, read_window};
 use crate::{
     causes::with_causes,
     window::{FileRecord, WindowRecord},
@@ -130,17 +130,20 @@ pub fn ensure_file_is_whole(folder: &Place, file: &FileRecord) -> Result<(), Not
     let name = &file.name;
     let broken = |reason: String| Err(NotWhole::Broken(reason));
     let place = folder.join(name);
-    let found = place.digest().map_err(|source| {
-        let is_of_what_stands_there = is_of_what_stands_there(&source);
-        let error = ReadError::Io {
-            path: place.path(),
-            source,
-        };
-        match is_of_what_stands_there {
-            true => NotWhole::Replaced(error),
-            false => NotWhole::Unreadable(error),
-        }
-    })?;
+    let found = place
+        .open_within(file.bytes)
+        .and_then(FileDigest::of)
+        .map_err(|source| {
+            let is_of_what_stands_there = is_of_what_stands_there(&source);
+            let error = ReadError::Io {
+                path: place.path(),
+                source,
+            };
+            match is_of_what_stands_there {
+                true => NotWhole::Replaced(error),
+                false => NotWhole::Unreadable(error),
+            }
+        })?;
     if found.bytes != file.bytes {
         return broken(format!(
             "{name} has {} bytes instead of {}",
