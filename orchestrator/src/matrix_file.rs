@@ -20,16 +20,19 @@ mod yaml;
 
 use std::{
     collections::BTreeMap,
-    fs::File,
-    io::Read,
+    fs::{File, OpenOptions},
+    io::{self, Read},
+    os::unix::fs::OpenOptionsExt as _,
     path::{Path, absolute},
     sync::Arc,
 };
 
 use record::{
     report_settings::ReportSettings,
+    run_directory::Place,
     settings::{Dynamics, Settings, SettingsProblem},
 };
+use rustix::fs::OFlags;
 
 pub use axes::{Assignment, Axes, Axis, AxisValue, Exclude, Include};
 pub(crate) use axes::{FEWER, SCENARIOS};
@@ -128,7 +131,8 @@ impl MatrixFile {
     /// All that is wrong with it.
     pub fn read(path: &Path, profile: Option<&str>, catalogue: Catalogue) -> Result<Self, Diagnostics> {
         let name = path.display().to_string();
-        let mut file = Self::parse_for(&name, &beginning_of(path, &name)?, profile, catalogue)?;
+        let beginning = beginning_of(open(path), &name)?;
+        let mut file = Self::parse_for(&name, &beginning, profile, catalogue)?;
         // A run goes on from any folder with what its file named.
         if let Some(folder) = absolute(path).ok().as_deref().and_then(Path::parent) {
             for host in &mut file.hosts {
@@ -382,10 +386,11 @@ fn read_providers(
     }
 }
 
-fn unreadable(name: &str, error: &std::io::Error) -> Diagnostics {
+fn unreadable(name: &str, error: &io::Error) -> Diagnostics {
     let help = match error.kind() {
-        std::io::ErrorKind::NotFound => "check the name; `matrix.yaml` of this project is one to begin with",
-        std::io::ErrorKind::IsADirectory => "name the file in it",
+        io::ErrorKind::NotFound => "check the name; `matrix.yaml` of this project is one to begin with",
+        io::ErrorKind::IsADirectory => "name the file in it",
+        io::ErrorKind::InvalidInput => "write what it gives to a file, and name that",
         _ => "check who may read it",
     };
     // There is no text to show: the name is what was written wrong.
@@ -410,7 +415,33 @@ fn unreadable(name: &str, error: &std::io::Error) -> Diagnostics {
 /// When it cannot be read, is longer or deeper, or is no YAML.
 pub fn text_within_limits(path: &Path) -> Result<String, Diagnostics> {
     let name = path.display().to_string();
-    within_limits(&name, &beginning_of(path, &name)?)
+    within_limits(&name, &beginning_of(open(path), &name)?)
+}
+
+/// The same of a file that anybody may have put there.
+///
+/// # Errors
+/// As [`text_within_limits`], and when it is a link.
+pub(crate) fn text_at(place: &Place) -> Result<String, Diagnostics> {
+    let name = place.to_string();
+    within_limits(&name, &beginning_of(place.open(), &name)?)
+}
+
+/// Opens a file that a person named, who may name a link. A FIFO that nobody writes to would be waited for.
+fn open(path: &Path) -> io::Result<File> {
+    let file = OpenOptions::new()
+        .read(true)
+        .custom_flags(OFlags::NONBLOCK.bits() as i32)
+        .open(path)?;
+    let kind = file.metadata()?.file_type();
+    // To read a folder is an error that says so.
+    match kind.is_file() || kind.is_dir() {
+        true => Ok(file),
+        false => Err(io::Error::new(
+            io::ErrorKind::InvalidInput,
+            "it is a device, a socket or a FIFO, and not a regular file",
+        )),
+    }
 }
 
 /// The same of bytes.
@@ -424,11 +455,10 @@ pub(crate) fn within_limits(name: &str, bytes: &[u8]) -> Result<String, Diagnost
 }
 
 /// One byte more of a file than is allowed, so that one that is too large is seen to be, whatever its size.
-fn beginning_of(path: &Path, name: &str) -> Result<Vec<u8>, Diagnostics> {
+fn beginning_of(file: io::Result<File>, name: &str) -> Result<Vec<u8>, Diagnostics> {
     let limit = u64::try_from(yaml::BYTES + 1).unwrap_or(u64::MAX);
     let mut bytes = Vec::new();
-    File::open(path)
-        .and_then(|file| file.take(limit).read_to_end(&mut bytes))
+    file.and_then(|file| file.take(limit).read_to_end(&mut bytes))
         .map_err(|error| unreadable(name, &error))?;
     Ok(bytes)
 }

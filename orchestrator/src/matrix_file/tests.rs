@@ -317,3 +317,25 @@ fn the_schema_that_is_committed_is_current(
     let committed = std::fs::read_to_string(&path).unwrap_or_default();
     assert!(committed == current, "run `{command} > docs/{name}`");
 }
+
+#[test]
+fn a_fifo_is_refused_and_not_waited_for() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("m.yaml");
+    let made = std::process::Command::new("mkfifo").arg(&path).status().unwrap();
+    assert!(made.success());
+    let found = MatrixFile::read(&path, None, Catalogue::default()).unwrap_err();
+    assert!(
+        found.to_string().contains("a FIFO, and not a regular file"),
+        "{found}"
+    );
+}
+
+#[test]
+fn a_link_to_a_matrix_file_is_read() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("m.yaml");
+    std::fs::write(folder.path().join("other.yaml"), "matrix: {}\n").unwrap();
+    std::os::unix::fs::symlink("other.yaml", &path).unwrap();
+    assert!(MatrixFile::read(&path, None, Catalogue::default()).is_ok());
+}

@@ -8,7 +8,7 @@ use std::{
 };
 
 use clap::Args;
-use record::{causes::with_causes, exit::matrix::Exit, quantity::Length};
+use record::{causes::with_causes, exit::matrix::Exit, quantity::Length, run_directory::Place};
 use reports::drift::{self, Acknowledgements, Drift, Night, Settings, Verdict, contrasts::NightContrasts};
 
 use crate::{
@@ -17,7 +17,7 @@ use crate::{
         completion,
         terminal::{self, CommandError},
     },
-    matrix_file,
+    matrix_file::{self, Diagnostics},
 };
 
 /// What it takes.
@@ -94,7 +94,11 @@ pub fn execute(arguments: &DriftArguments) -> Result<Exit, CommandError> {
             Some(margin) => Some(margin.metres()),
             None => newest.and_then(|night| night.equivalence_margin_m),
         },
-        acknowledgements: known(arguments.acknowledged.as_ref().or(beside.as_ref()))?,
+        acknowledgements: match (&arguments.acknowledged, &beside) {
+            (Some(path), _) => known(path, matrix_file::text_within_limits(path))?,
+            (None, Some(place)) => known(&place.path(), matrix_file::text_at(place))?,
+            (None, None) => Acknowledgements::default(),
+        },
         ..Settings::default()
     };
     let mut found = judge(&nights, &settings);
@@ -128,8 +132,8 @@ struct Chosen {
     /// The one that is judged is the last.
     nights: Vec<Night>,
     judge: fn(&[Night], &Settings) -> Drift,
-    /// The file of what is known, beside the run directories.
-    beside: Option<PathBuf>,
+    /// The file of what is known, beside the run directories. It may have come with them.
+    beside: Option<Place>,
     left_out: LeftOut,
 }
 
@@ -163,7 +167,7 @@ impl Chosen {
         Ok(Self {
             nights: in_order(nights),
             judge: drift::history::judge,
-            beside: Some(folder.join(KNOWN)).filter(|path| path.exists()),
+            beside: Some(Place::root(folder).join(KNOWN)).filter(Place::exists),
             left_out,
         })
     }
@@ -249,13 +253,10 @@ pub(crate) fn acknowledgements(text: &str) -> Result<Acknowledgements, serde_yam
     serde_yaml::from_str(text)
 }
 
-/// What a file says is known; nothing without one.
-fn known(path: Option<&PathBuf>) -> Result<Acknowledgements, CommandError> {
-    let Some(path) = path else {
-        return Ok(Acknowledgements::default());
-    };
+/// What a file with this text says is known.
+fn known(path: &Path, text: Result<String, Diagnostics>) -> Result<Acknowledgements, CommandError> {
     const HINT: &str = "docs/drift.md says what stands in it";
-    let text = matrix_file::text_within_limits(path).map_err(CommandError::of_mistakes)?;
+    let text = text.map_err(CommandError::of_mistakes)?;
     let known = acknowledgements(&text).map_err(|error| wrong(path, &error, HINT))?;
     match known.problems().first() {
         Some(problem) => Err(CommandError {
@@ -312,5 +313,49 @@ fn unwritable(path: &Path, error: &io::Error) -> CommandError {
         what: format!("{} cannot be written: {error}", path.display()).into(),
         hint: Some("see that its folder is there and has room".to_owned()),
         exit: Exit::Infrastructure,
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use std::{os::unix::fs::symlink, process::Command};
+
+    use clap::FromArgMatches as _;
+
+    use super::*;
+
+    /// What `matrix drift` says of a history of one run whose `drift.yaml` is made so.
+    fn refusal(make: impl FnOnce(&Path)) -> String {
+        let folder = tempfile::tempdir().unwrap();
+        let history = folder.path().join("history");
+        fs::create_dir(&history).unwrap();
+        let recorded = concat!(env!("CARGO_MANIFEST_DIR"), "/../tests/fixtures/recorded");
+        let copied = Command::new("cp")
+            .args(["-r", recorded])
+            .arg(history.join("run"))
+            .status();
+        assert!(copied.unwrap().success());
+        make(&history.join(KNOWN));
+        let command = DriftArguments::augment_args(clap::Command::new("drift"));
+        let words = command.get_matches_from(["drift".as_ref(), history.as_os_str()]);
+        let error = execute(&DriftArguments::from_arg_matches(&words).unwrap()).unwrap_err();
+        serde_json::to_string(&error.to_json()).unwrap()
+    }
+
+    #[test]
+    fn a_file_of_known_changes_that_came_as_a_link_is_not_read() {
+        let secret = tempfile::NamedTempFile::new().unwrap();
+        fs::write(secret.path(), "mine: [and, nobody's").unwrap();
+        let told = refusal(|known| symlink(secret.path(), known).unwrap());
+        assert!(told.contains("a link, a device"), "{told}");
+        assert!(!told.contains("nobody"), "{told}");
+    }
+
+    #[test]
+    fn a_file_of_known_changes_that_came_as_a_fifo_is_not_waited_for() {
+        let told = refusal(|known| {
+            assert!(Command::new("mkfifo").arg(known).status().unwrap().success());
+        });
+        assert!(told.contains("a FIFO"), "{told}");
     }
 }
