@@ -3,35 +3,8 @@
 
 use std::{ffi::OsStr, fmt::Write as _, path::Path};
 
-/// A text that a terminal only shows and a CI system only records. Control characters, C1 among them, and what turns the direction
-/// of writing are spelt out. So that GitHub's and Azure's runners take no line for a command of theirs (`::set-output …` at a
-/// line's beginning, `##[…]` and `##vso[…]` anywhere in it), a space stands in it.
-#[must_use]
-pub fn harmless(text: &str) -> String {
-    let mut harmless = String::with_capacity(text.len());
-    for line in text.split_inclusive('\n') {
-        let begin = harmless.len();
-        for character in line.chars() {
-            match character {
-                '\n' | '\t' => harmless.push(character),
-                _ if is_unseen(character) => {
-                    let _ = write!(harmless, "{}", character.escape_unicode());
-                }
-                _ => harmless.push(character),
-            }
-        }
-        let shown = without_commands(harmless.get(begin..).unwrap_or_default());
-        harmless.truncate(begin);
-        harmless.push_str(&shown);
-    }
-    harmless
-}
-
-/// The same in one line, without any control character.
-#[must_use]
-pub fn harmless_line(text: &str) -> String {
-    harmless(&text.replace('\n', "\\n").replace('\t', "\\t"))
-}
+use record::escaping::is_unseen;
+pub use record::escaping::{harmless, harmless_line, without_commands};
 
 /// A path as a word of a command that a person pastes into a shell: what is not plain is quoted.
 #[must_use]
@@ -41,26 +14,6 @@ pub fn pasted(path: &Path) -> String {
     match !text.is_empty() && text.chars().all(plain) {
         true => text.into_owned(),
         false => quoted([path]),
-    }
-}
-
-fn is_unseen(character: char) -> bool {
-    character.is_control()
-        || matches!(character,
-            '\u{61c}' | '\u{200b}' | '\u{200e}' | '\u{200f}' | '\u{2028}' | '\u{2029}' | '\u{202a}'..='\u{202e}'
-            | '\u{2066}'..='\u{2069}' | '\u{feff}')
-}
-
-/// One line that no runner takes for a command.
-pub(crate) fn without_commands(line: &str) -> String {
-    let shown = line.replace("##[", "## [").replace("##vso[", "## vso[");
-    let words = shown.trim_start();
-    match words.strip_prefix("::") {
-        Some(rest) => {
-            let indent = shown.get(..shown.len() - words.len()).unwrap_or_default();
-            format!("{indent}: :{rest}")
-        }
-        None => shown,
     }
 }
 
@@ -109,22 +62,6 @@ mod tests {
     use super::*;
 
     #[rstest::rstest]
-    #[case::plain("window 1 complete\n\tvalid – 3 µs", "window 1 complete\n\tvalid – 3 µs")]
-    #[case::title("\u{1b}]0;mine\u{7}x", "\\u{1b}]0;mine\\u{7}x")]
-    #[case::c1("\u{9b}31m", "\\u{9b}31m")]
-    #[case::carriage_return("ok\rno", "ok\\u{d}no")]
-    #[case::bidi("a\u{202e}b\u{2066}", "a\\u{202e}b\\u{2066}")]
-    #[case::command("::error::no", ": :error::no")]
-    #[case::command_in_the_second_line("x\n  ::set-output name=a::b", "x\n  : :set-output name=a::b")]
-    #[case::old_command("all is well ##[set-output name=a;]b", "all is well ## [set-output name=a;]b")]
-    #[case::azure("##vso[task.setvariable variable=a]b", "## vso[task.setvariable variable=a]b")]
-    #[case::address_of_ipv6("fe80::1 is a::b", "fe80::1 is a::b")]
-    #[case::heading("## Table I", "## Table I")]
-    fn a_text_from_elsewhere_only_shows(#[case] text: &str, #[case] shown: &str) {
-        assert_eq!(harmless(text), shown);
-    }
-
-    #[rstest::rstest]
     #[case(
         "/home/you/matrix/runs/20261123-035357-2d7d",
         "/home/you/matrix/runs/20261123-035357-2d7d"
@@ -133,12 +70,6 @@ mod tests {
     #[case("it's", r"'it'\''s'")]
     fn a_path_in_a_hint_can_be_pasted(#[case] path: &str, #[case] word: &str) {
         assert_eq!(pasted(Path::new(path)), word);
-    }
-
-    #[test]
-    fn one_line_stays_one() {
-        assert_eq!(harmless_line("a\n::error::b"), "a\\n::error::b");
-        assert_eq!(harmless_line("a \tb"), "a \\tb");
     }
 
     #[test]
@@ -158,15 +89,6 @@ mod tests {
             proptest::prop_assert!(!shown.lines().any(|line| line.trim_start().starts_with("::")), "{shown:?}");
             let read: Value = serde_json::from_str(&shown).unwrap();
             proptest::prop_assert_eq!(read, value);
-        }
-
-        #[test]
-        fn whatever_it_is_nothing_of_it_is_done(text in "(::|##\\[|\\PC|\\p{Cc}|\n| ){0,40}") {
-            let shown = harmless(&text);
-            proptest::prop_assert!(!shown.chars().any(|it| is_unseen(it) && it != '\n' && it != '\t'));
-            proptest::prop_assert!(!shown.contains("##["));
-            proptest::prop_assert!(!shown.lines().any(|line| line.trim_start().starts_with("::")));
-            proptest::prop_assert!(!harmless_line(&text).contains(is_unseen));
         }
     }
 }

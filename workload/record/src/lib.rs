@@ -9,8 +9,8 @@
 //! - how the workload is called: [`call`]; what `workload detached` reads and answers: [`detached`], and how it sends the data:
 //!   [`transfer`];
 //! - what a program needs of the kernel before it begins: [`limits`];
-//! - with the feature `run-directory`, the run directory, how its hosts were reached, and how its results are compared:
-//!   `run_directory`, `connection`, `report_settings`, `family`.
+//! - with the feature `run-directory`, the run directory, how its hosts were reached, how its results are compared, and how its
+//!   text is shown: `run_directory`, `connection`, `report_settings`, `family`, `escaping`.
 //!
 //! A change of meaning of what the workload writes needs a new [`FORMAT`].
 
@@ -22,6 +22,8 @@ pub mod check;
 pub mod connection;
 pub mod control_log;
 pub mod detached;
+#[cfg(feature = "run-directory")]
+pub mod escaping;
 pub mod exit;
 #[cfg(feature = "run-directory")]
 pub mod family;
