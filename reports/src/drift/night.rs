@@ -3,7 +3,12 @@
 use std::collections::BTreeMap;
 
 use captures::traffic::{Traffic, WindowTraffic};
-use record::{axis::VIRTUALIZATION, quantity::Length, run_directory::EnvironmentRecord};
+use record::{
+    axis::VIRTUALIZATION,
+    name::{by_name, name},
+    quantity::Length,
+    run_directory::EnvironmentRecord,
+};
 use serde::{Deserialize, Serialize};
 use serde_json::{Value, json};
 use statistics::effect::{level, median};
@@ -102,6 +107,7 @@ pub enum MissingData {
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct Night {
     /// The run's name.
+    #[serde(deserialize_with = "name")]
     pub run: String,
     /// When it was asked for, RFC 3339.
     pub created: String,
@@ -111,6 +117,7 @@ pub struct Night {
     #[serde(rename = "matters_m")]
     pub equivalence_margin_m: Option<f64>,
     /// By slug.
+    #[serde(deserialize_with = "by_name")]
     pub scenarios: BTreeMap<String, Measured>,
 }
 

@@ -36,10 +36,13 @@ pub fn harmless_line(text: &str) -> String {
 /// Whether a reader would not see it, or see what follows elsewhere.
 #[must_use]
 pub fn is_unseen(character: char) -> bool {
+    // Unicode's Default_Ignorable_Code_Point but for variation selectors, which belong to emoji, and what separates lines.
     character.is_control()
         || matches!(character,
-            '\u{61c}' | '\u{200b}' | '\u{200e}' | '\u{200f}' | '\u{2028}' | '\u{2029}' | '\u{202a}'..='\u{202e}'
-            | '\u{2066}'..='\u{2069}' | '\u{feff}')
+            '\u{ad}' | '\u{34f}' | '\u{61c}' | '\u{115f}' | '\u{1160}' | '\u{17b4}' | '\u{17b5}'
+            | '\u{180b}'..='\u{180f}' | '\u{200b}'..='\u{200f}' | '\u{2028}'..='\u{202e}'
+            | '\u{2060}'..='\u{206f}' | '\u{3164}' | '\u{feff}' | '\u{ffa0}' | '\u{fff9}'..='\u{fffb}'
+            | '\u{e0000}'..='\u{e0fff}')
 }
 
 /// One line that no runner takes for a command.
@@ -66,6 +69,12 @@ mod tests {
     #[case::c1("\u{9b}31m", "\\u{9b}31m")]
     #[case::carriage_return("ok\rno", "ok\\u{d}no")]
     #[case::bidi("a\u{202e}b\u{2066}", "a\\u{202e}b\\u{2066}")]
+    #[case::soft_hyphen("a\u{ad}b", "a\\u{ad}b")]
+    #[case::joiner("a\u{200d}b\u{2060}", "a\\u{200d}b\\u{2060}")]
+    #[case::filler("\u{115f}\u{3164}\u{ffa0}", "\\u{115f}\\u{3164}\\u{ffa0}")]
+    #[case::annotation("\u{fff9}a\u{fffb}", "\\u{fff9}a\\u{fffb}")]
+    #[case::tag("a\u{e0041}\u{e007f}", "a\\u{e0041}\\u{e007f}")]
+    #[case::accent("é e\u{301}", "é e\u{301}")]
     #[case::command("::error::no", ": :error::no")]
     #[case::command_in_the_second_line("x\n  ::set-output name=a::b", "x\n  : :set-output name=a::b")]
     #[case::old_command("all is well ##[set-output name=a;]b", "all is well ## [set-output name=a;]b")]

@@ -1,7 +1,9 @@
 //! Names that become names of files, of containers and words of commands: of runs, scenarios, environments and hosts. What is
 //! read from a record is checked as it is read, by `#[serde(deserialize_with = "name")]`.
 
-use serde::{Deserialize as _, Deserializer, de::Error as _};
+use std::collections::BTreeMap;
+
+use serde::{Deserialize, Deserializer, de::Error as _};
 
 /// A file's name has 255 bytes at most, and ours get words around them.
 pub const LONGEST: usize = 230;
@@ -41,6 +43,20 @@ pub fn name_if_any<'de, D: Deserializer<'de>>(from: D) -> Result<Option<String>,
     }
 }
 
+/// Reads what has a name each.
+///
+/// # Errors
+/// When one of them has none.
+pub fn by_name<'de, T: Deserialize<'de>, D: Deserializer<'de>>(
+    from: D,
+) -> Result<BTreeMap<String, T>, D::Error> {
+    let all = BTreeMap::<String, T>::deserialize(from)?;
+    match all.keys().find(|key| !is_name(key)) {
+        Some(key) => Err(D::Error::custom(not_a_name(key))),
+        None => Ok(all),
+    }
+}
+
 fn not_a_name(text: &str) -> String {
     let shown: String = text.chars().take(60).collect();
     format!(
@@ -72,6 +88,9 @@ mod tests {
         assert_eq!(is_name(text), is);
         let json = serde_json::to_string(text).unwrap();
         assert_eq!(name(&mut serde_json::Deserializer::from_str(&json)).is_ok(), is);
+        let map = format!("{{{json}: 1}}");
+        let read = by_name::<u8, _>(&mut serde_json::Deserializer::from_str(&map));
+        assert_eq!(read.is_ok(), is);
     }
 
     #[test]

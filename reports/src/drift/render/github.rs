@@ -2,6 +2,8 @@
 
 use std::fmt::Write;
 
+use record::escaping::{harmless, is_unseen};
+
 use crate::drift::{Drift, Verdict};
 
 impl Drift {
@@ -69,9 +71,9 @@ impl Drift {
     }
 }
 
-/// As `@actions/core` escapes data.
+/// As `@actions/core` escapes data. Hosts say a part of it, and a terminal may show it, too.
 fn message(text: &str) -> String {
-    text.replace('%', "%25").replace('\r', "%0D").replace('\n', "%0A")
+    harmless(text).replace('%', "%25").replace('\n', "%0A")
 }
 
 /// As it escapes properties.
@@ -88,7 +90,7 @@ fn cell(text: &str) -> String {
                 cell.push('\\');
                 cell.push(letter);
             }
-            letter if letter.is_control() => cell.push(' '),
+            letter if is_unseen(letter) => cell.push(' '),
             letter => cell.push(letter),
         }
     }
@@ -101,8 +103,14 @@ mod tests {
 
     #[test]
     fn what_a_container_said_is_neither_a_command_nor_markup() {
-        assert_eq!(message("50 %\n::set-env::"), "50 %25%0A::set-env::");
+        assert_eq!(message("50 %\n::set-env::"), "50 %25%0A: :set-env::");
+        assert_eq!(
+            message("\u{1b}]0;a\u{7}\r##[error]"),
+            "\\u{1b}]0;a\\u{7}\\u{d}## [error]"
+        );
         assert_eq!(property("a: b, c"), "a%3A b%2C c");
+        assert_eq!(property("a\u{1b}b"), "a\\u{1b}b");
+        assert_eq!(cell("a\u{202e}b"), "a b");
         assert_eq!(cell("a|b\n**c**"), "a\\|b \\*\\*c\\*\\*");
     }
 }
