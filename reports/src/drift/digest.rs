@@ -16,7 +16,7 @@ use std::{
     time::UNIX_EPOCH,
 };
 
-use record::run_directory::{Kind, Place, ReadError, RunDirectory};
+use record::run_directory::{Kind, Place, ReadError, RunDirectory, values_in};
 use serde::{Deserialize, Serialize};
 use sha2::{Digest, Sha256};
 
@@ -26,8 +26,10 @@ use crate::input::traffic;
 /// Raised whenever a night's numbers are taken in another way: what was kept is then read anew.
 const FORMAT: u32 = 3;
 
-/// A night of a thousand scenarios, with all that is compared of it, is a tenth of it.
-const LONGEST: u64 = 64 << 20;
+/// A night of a thousand scenarios of a hundred windows, with all that is compared of it, is two thirds of it.
+const LONGEST: u64 = 32 << 20;
+/// Such a night has 800,000 values, as [`values_in`] counts them.
+const MOST_VALUES: usize = 1 << 20;
 
 /// What is kept.
 #[derive(Serialize, Deserialize)]
@@ -74,15 +76,21 @@ fn file_of(directory: &RunDirectory) -> Place {
 }
 
 fn read(place: &Place, made_from: &str) -> Option<Night> {
-    let kept: Kept<Night> = serde_json::from_slice(&place.read(LONGEST).ok()?).ok()?;
+    let text = place.read(LONGEST).ok()?;
+    if values_in(&text) > MOST_VALUES {
+        return None;
+    }
+    let kept: Kept<Night> = serde_json::from_slice(&text).ok()?;
+    drop(text);
     let is_of_now = kept.format == FORMAT && kept.made_from == made_from;
     (is_of_now && kept.sha256 == sha256_of(&kept.night)).then_some(kept.night)
 }
 
 fn sha256_of(night: &Night) -> String {
-    // Plain data can always be written as JSON.
-    let text = serde_json::to_vec(night).unwrap_or_default();
-    format!("{:x}", Sha256::digest(text))
+    let mut hasher = Sha256::new();
+    // Plain data can always be written as JSON, and a hasher takes all.
+    let _ = serde_json::to_writer(&mut hasher, night);
+    format!("{:x}", hasher.finalize())
 }
 
 /// A reader sees the old one or the new one, never a part.

@@ -47,7 +47,9 @@ pub use manifest::{HostRecord, Manifest, RecordedConnection, Revision};
 pub use place::{FileDigest, Kind, Place, Unfinished};
 pub use plan::{PlanRecord, PlannedScenario, letter};
 pub use plant_trace::PlantTrace;
-pub use reading::{LONGEST_RECORD, ReadError, read_environment, read_file, read_record, read_window};
+pub use reading::{
+    LONGEST_RECORD, ReadError, read_environment, read_file, read_record, read_window, values_in,
+};
 pub use records::RunRecords;
 pub use state::{
     BrokenWindow, Collected, MadeEnvironment, OpenEnvironment, RoundState, RunState, ScenarioState,

@@ -81,6 +81,17 @@ pub struct Impossible {
     pub value: String,
 }
 
+impl Impossible {
+    /// There are too many of something.
+    #[must_use]
+    pub fn count(field: &'static str, many: usize) -> Self {
+        Self {
+            field,
+            value: format!("{many} in all"),
+        }
+    }
+}
+
 impl WindowRecord {
     /// The file is no longer: it is some kilobytes.
     pub const MOST_BYTES: u64 = 1 << 20;
@@ -90,6 +101,10 @@ impl WindowRecord {
     const LATEST_NS: i64 = 1 << 62;
     /// No window takes longer: 18 years.
     const LONGEST_NS: i64 = 1 << 59;
+    /// There are some twenty rules of validity, and each gives a reason at most for a host or a loop.
+    const MOST_REASONS: usize = 100;
+    /// All that is said in words: of a window with every reason and notice some kilobytes.
+    const MOST_TEXT: usize = 64 << 10;
     /// Three virtual hosts, two logs, with room for more.
     const MOST_FILES: usize = 64;
     /// No file of a window is longer. One of 6000 s has some hundred megabytes; a day of the paper's network at full rate stays below.
@@ -154,14 +169,26 @@ impl WindowRecord {
         if self.window == 0 {
             return wrong("window", "0".to_owned());
         }
-        for (field, found) in [
-            ("files", self.files.len()),
-            ("captures", self.captures.len()),
-            ("links", self.links.len()),
+        for (field, found, most) in [
+            ("files", self.files.len(), Self::MOST_FILES),
+            ("captures", self.captures.len(), Self::MOST_FILES),
+            ("links", self.links.len(), Self::MOST_FILES),
+            ("reasons", self.reasons.len(), Self::MOST_REASONS),
+            ("notices.first", self.notices.first.len(), NoticesRecord::MOST),
         ] {
-            if found > Self::MOST_FILES {
+            if found > most {
                 return wrong(field, format!("a list of {found}"));
             }
+        }
+        let said = self.reasons.iter().chain(&self.notices.first);
+        let said = said.chain(self.captures.iter().map(|capture| &capture.tool));
+        let sums = self.files.iter().map(|file| &file.sha256);
+        let text: usize = said.chain(sums).map(String::len).sum();
+        if text > Self::MOST_TEXT {
+            return wrong(
+                "reasons",
+                format!("{text} bytes of text, with notices and checksums"),
+            );
         }
         if let Some(file) = self.files.iter().find(|file| file.bytes > Self::LONGEST_FILE) {
             return wrong("files", format!("{} bytes of {}", file.bytes, file.name));

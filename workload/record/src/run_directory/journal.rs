@@ -4,14 +4,20 @@
 //! Intent comes before effect: [`Event::EnvironmentCreating`] names every resource before it exists, so that whatever
 //! a crash leaves behind can be found. Nothing else knows the state of a run.
 
+use std::io::{BufRead as _, BufReader, Read as _};
+
 use serde::{Deserialize, Serialize};
 
 use super::{
     Chain, Place,
     chain::Changed,
-    reading::{ReadError, read_file},
+    reading::{ReadError, values_in},
 };
-use crate::{name::name, progress::Progress, window::Verdict};
+use crate::{
+    name::name,
+    progress::Progress,
+    window::{Impossible, Verdict},
+};
 
 /// One line of the journal.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
@@ -248,8 +254,14 @@ pub struct Resource {
     pub name: String,
 }
 
-/// Some hundred events a scenario with all its windows, and a thousand scenarios: a sixth of it.
+/// Two hundred events a scenario of a hundred windows, and a thousand scenarios: a quarter of it.
 const LONGEST: u64 = 256 << 20;
+/// A line that names ten thousand windows, as many as a scenario may have, is a quarter of it.
+const LONGEST_LINE: usize = 256 << 10;
+/// Values of such a line, as [`values_in`] counts them.
+const MOST_VALUES: usize = 1 << 15;
+/// What the entries may take in memory. Those of a thousand scenarios with a hundred windows each take 150 MB.
+const MOST_MEMORY: usize = 256 << 20;
 
 /// A journal as it was read.
 #[derive(Debug, Clone, Default, PartialEq)]
@@ -275,16 +287,45 @@ impl Journal {
     /// # Errors
     /// When the file is missing or cannot be read, another line is not an event, or one is not as it was written.
     pub fn read(place: &Place) -> Result<Self, ReadError> {
-        let text = read_file(place, LONGEST)?;
+        let file = place
+            .open_within(LONGEST)
+            .map_err(|source| ReadError::io(place, source))?;
+        let mut file = BufReader::new(file);
         let mut journal = Self::default();
         let mut unreadable = Vec::new();
-        // By bytes, since a crash may cut a character in two.
-        let lines = text
-            .split(|byte| *byte == b'\n')
-            .enumerate()
-            .map(|(index, line)| (index + 1, line));
-        for (line, bytes) in lines.filter(|(_, bytes)| !bytes.trim_ascii().is_empty()) {
+        let mut memory = 0;
+        let mut text = Vec::new();
+        // Line by line: with the text beside them, the entries would take twice as much. By bytes, since a crash may cut a
+        // character in two.
+        for line in 1.. {
+            text.clear();
+            let most = LONGEST_LINE as u64 + 1;
+            let read = file.by_ref().take(most).read_until(b'\n', &mut text);
+            if read.map_err(|source| ReadError::io(place, source))? == 0 {
+                break;
+            }
+            let bytes = text.strip_suffix(b"\n").unwrap_or(&text);
+            let values = values_in(bytes);
+            let too_many = |field, many| Err(ReadError::impossible(place, Impossible::count(field, many)));
+            if bytes.len() > LONGEST_LINE {
+                return too_many("bytes of a line", bytes.len());
+            }
+            if values > MOST_VALUES {
+                return too_many("values of a line", values);
+            }
+            if bytes.trim_ascii().is_empty() {
+                continue;
+            }
             let entry = serde_json::from_slice::<JournalEntry>(bytes);
+            let per_value = match &entry {
+                // Facts are values of any kind.
+                Ok(entry) if matches!(entry.event, Event::EnvironmentCreated { .. }) => 256,
+                _ => 24,
+            };
+            memory += size_of::<JournalEntry>() + bytes.len() + per_value * values;
+            if memory > MOST_MEMORY {
+                return too_many("lines", line);
+            }
             match entry {
                 Err(source) => unreadable.push((line, source)),
                 Ok(entry) => {
@@ -364,6 +405,46 @@ mod tests {
             panic!("expected a journal error")
         };
         assert_eq!(line, wrong);
+    }
+
+    #[test]
+    fn a_journal_of_more_short_lines_than_any_run_has_is_refused() {
+        let line = r#"{"at":"","event":"run-finished"}"#;
+        let error = read(&vec![line; 2_000_000]).unwrap_err();
+        assert!(matches!(error, ReadError::Impossible { .. }), "{error:?}");
+        // Of a thousand scenarios with a hundred windows each, and as long as real ones.
+        let window = r#"{"at":"2026-11-22T06:20:33.045Z","event":"window-collected","scenario":"x86-64-debian-12-docker-loss-1pct","environment":"matrix-20261122-062012-7030-x86-64-debian-12-docker-loss-1pct-1","window":1,"verdict":"valid","sha256":"709f9bcccc99c1d9ad1f1b822886e8a095677cdf9516345c0cccc140b1d16341"}"#;
+        assert_eq!(read(&vec![window; 220_000]).unwrap().entries.len(), 220_000);
+    }
+
+    #[test]
+    fn a_journal_of_lines_that_are_no_events_is_refused_before_they_fill_the_memory() {
+        let error = read(&vec!["x"; 3_000_000]).unwrap_err();
+        assert!(matches!(error, ReadError::Impossible { .. }), "{error:?}");
+    }
+
+    #[rstest]
+    #[case::values(format!("[{}]", vec![r#"{"":0}"#; 20_000].join(",")))]
+    #[case::text(format!("\"{}\"", "x".repeat(LONGEST_LINE)))]
+    fn a_line_with_more_than_any_event_has_is_refused(#[case] fact: String) {
+        let created = |fact: &str| {
+            format!(
+                r#"{{"at":"2026-11-21T04:00:00.000Z","event":"environment-created","scenario":"a","environment":"a-1","facts":{{"z":{fact}}}}}"#
+            )
+        };
+        assert_eq!(read(&[STARTED, &created("1")]).unwrap().entries.len(), 2);
+        let error = read(&[STARTED, &created(&fact)]).unwrap_err();
+        assert!(matches!(error, ReadError::Impossible { .. }), "{error:?}");
+    }
+
+    #[test]
+    fn facts_of_many_environments_that_fill_the_memory_are_refused() {
+        let facts = vec![r#"{"":0}"#; 5_000].join(",");
+        let line = format!(
+            r#"{{"at":"2026-11-21T04:00:00.000Z","event":"environment-created","scenario":"a","environment":"a-1","facts":{{"z":[{facts}]}}}}"#
+        );
+        let error = read(&vec![line.as_str(); 100]).unwrap_err();
+        assert!(matches!(error, ReadError::Impossible { .. }), "{error:?}");
     }
 
     #[test]

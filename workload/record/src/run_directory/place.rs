@@ -182,7 +182,7 @@ impl Place {
         match bytes > most_bytes {
             true => Err(io::Error::new(
                 io::ErrorKind::FileTooLarge,
-                format!("it has {bytes} bytes instead of {most_bytes}"),
+                format!("it has {bytes} bytes, and {most_bytes} at most are read"),
             )),
             false => Ok(file),
         }

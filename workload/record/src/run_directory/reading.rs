@@ -6,7 +6,7 @@ use std::{io, path::PathBuf};
 use serde::{Deserialize, de::DeserializeOwned};
 use sha2::{Digest, Sha256};
 
-use super::{EnvironmentRecord, FORMAT, Place, log::LogError};
+use super::{EnvironmentRecord, FORMAT, Manifest, Place, PlanRecord, log::LogError};
 use crate::{
     layout,
     window::{Impossible, WindowRecord},
@@ -104,6 +104,19 @@ pub enum ReadError {
 }
 
 impl ReadError {
+    pub(super) fn io(place: &Place, source: io::Error) -> Self {
+        let path = place.path();
+        match source.kind() {
+            io::ErrorKind::NotFound => Self::HalfWritten { path },
+            _ => Self::Io { path, source },
+        }
+    }
+
+    pub(super) fn impossible(place: &Place, source: Impossible) -> Self {
+        let path = place.path();
+        Self::Impossible { path, source }
+    }
+
     /// What to do about it.
     #[must_use]
     pub fn hint(&self) -> String {
@@ -146,18 +159,63 @@ impl ReadError {
 /// The plan of a thousand scenarios, which is the longest of the records, is a third of it.
 pub const LONGEST_RECORD: u64 = 16 << 20;
 
+/// What a record has at most: bytes, and values as [`values_in`] counts them. A value of any kind takes up to 256 bytes of memory,
+/// and as little as two in a file.
+#[derive(Debug, Clone, Copy)]
+struct Most {
+    bytes: u64,
+    values: usize,
+}
+
+impl Most {
+    /// A plan of a thousand scenarios has 180,000 values, and one more for each of at most 200,000 environments.
+    const RECORD: Self = Self {
+        bytes: LONGEST_RECORD,
+        values: 1 << 19,
+    };
+    /// That of two scenarios has 83; each host has a dozen.
+    const MANIFEST: Self = Self {
+        bytes: LONGEST_RECORD,
+        values: 1 << 17,
+    };
+    /// One has 140 to 230, and a run has a thousand of them in memory.
+    const ENVIRONMENT: Self = Self {
+        bytes: 256 << 10,
+        values: 1 << 10,
+    };
+    /// One has 180.
+    const WINDOW: Self = Self {
+        bytes: WindowRecord::MOST_BYTES,
+        values: 1 << 12,
+    };
+}
+
+/// How many values a JSON text has, at most: one for each comma, and two for each beginning of a list or an object, which take more
+/// memory. Nothing is kept meanwhile.
+#[must_use]
+pub fn values_in(json: &[u8]) -> usize {
+    let (mut values, mut in_string, mut escaped) = (0, false, false);
+    for byte in json {
+        match byte {
+            _ if escaped => escaped = false,
+            b'\\' => escaped = in_string,
+            b'"' => in_string = !in_string,
+            b',' if !in_string => values += 1,
+            b'[' | b'{' if !in_string => values += 2,
+            _ => {}
+        }
+    }
+    values
+}
+
 /// Reads one of the files that every run directory has, of at most so many bytes.
 ///
 /// # Errors
 /// When it is not there, is longer, or cannot be read.
 pub fn read_file(place: &Place, most_bytes: u64) -> Result<Vec<u8>, ReadError> {
-    place.read(most_bytes).map_err(|source| match source.kind() {
-        io::ErrorKind::NotFound => ReadError::HalfWritten { path: place.path() },
-        _ => ReadError::Io {
-            path: place.path(),
-            source,
-        },
-    })
+    place
+        .read(most_bytes)
+        .map_err(|source| ReadError::io(place, source))
 }
 
 /// Reads one of the files that carry a `format`.
@@ -165,19 +223,38 @@ pub fn read_file(place: &Place, most_bytes: u64) -> Result<Vec<u8>, ReadError> {
 /// # Errors
 /// When it cannot be read, is not what it should be, or is of a later format than the `known` one.
 pub fn read_record<T: DeserializeOwned>(place: &Place, known: u32) -> Result<T, ReadError> {
-    read_checked(place, known, None)
+    read_record_of(place, known, Most::RECORD, std::iter::empty())
 }
 
-/// Reads one of the files that carry a `format`, and that has this SHA-256 where it is known.
+/// Reads the plan, which has this SHA-256 where it is known.
 ///
 /// # Errors
 /// As [`read_record`], and when it is another.
-pub(crate) fn read_checked<T: DeserializeOwned>(
-    place: &Place,
-    known: u32,
-    sha256: Option<&str>,
-) -> Result<T, ReadError> {
-    read_record_of(place, known, LONGEST_RECORD, sha256.into_iter())
+pub(super) fn read_plan(place: &Place, sha256: Option<&str>) -> Result<PlanRecord, ReadError> {
+    checked(
+        place,
+        read_record_of(place, FORMAT, Most::RECORD, sha256.into_iter())?,
+        PlanRecord::check,
+    )
+}
+
+/// Reads the manifest, which has this SHA-256 where it is known.
+///
+/// # Errors
+/// As [`read_record`], and when it is another.
+pub(super) fn read_manifest(place: &Place, sha256: Option<&str>) -> Result<Manifest, ReadError> {
+    checked(
+        place,
+        read_record_of(place, FORMAT, Most::MANIFEST, sha256.into_iter())?,
+        Manifest::check,
+    )
+}
+
+fn checked<T>(place: &Place, record: T, check: fn(&T) -> Result<(), Impossible>) -> Result<T, ReadError> {
+    match check(&record) {
+        Ok(()) => Ok(record),
+        Err(source) => Err(ReadError::impossible(place, source)),
+    }
 }
 
 /// What a scenario's platform was. The file has one of these SHA-256, if there are any.
@@ -188,21 +265,20 @@ pub fn read_environment<'a>(
     place: &Place,
     sha256: impl Iterator<Item = &'a str> + Clone,
 ) -> Result<EnvironmentRecord, ReadError> {
-    // Values of any kind take fifty times the memory of their text, and there is one of these a scenario.
-    read_record_of(place, FORMAT, 256 << 10, sha256)
+    read_record_of(place, FORMAT, Most::ENVIRONMENT, sha256)
 }
 
 fn read_record_of<'a, T: DeserializeOwned>(
     place: &Place,
     known: u32,
-    most_bytes: u64,
+    most: Most,
     mut sha256: impl Iterator<Item = &'a str> + Clone,
 ) -> Result<T, ReadError> {
     #[derive(Deserialize)]
     struct Versioned {
         format: Option<u64>,
     }
-    let text = read_file(place, most_bytes)?;
+    let text = read_file(place, most.bytes)?;
     if sha256.clone().next().is_some() {
         let found = format!("{:x}", Sha256::digest(&text));
         if !sha256.any(|sha256| sha256 == found) {
@@ -218,12 +294,14 @@ fn read_record_of<'a, T: DeserializeOwned>(
         source,
     };
     let Versioned { format } = serde_json::from_slice(&text).map_err(json)?;
+    let values = values_in(&text);
     match format {
         Some(found) if found > u64::from(known) => Err(ReadError::FutureFormat {
             path: place.path(),
             found,
             known,
         }),
+        _ if values > most.values => Err(ReadError::impossible(place, Impossible::count("values", values))),
         _ => serde_json::from_slice(&text).map_err(json),
     }
 }
@@ -235,12 +313,97 @@ fn read_record_of<'a, T: DeserializeOwned>(
 pub fn read_window(folder: &Place, sha256: Option<&str>) -> Result<WindowRecord, ReadError> {
     let place = folder.join(layout::WINDOW);
     let sums = sha256.into_iter();
-    let record: WindowRecord = read_record_of(&place, crate::FORMAT, WindowRecord::MOST_BYTES, sums)?;
-    match record.check() {
-        Ok(()) => Ok(record),
-        Err(source) => Err(ReadError::Impossible {
-            path: place.path(),
-            source,
-        }),
+    let record = read_record_of(&place, crate::FORMAT, Most::WINDOW, sums)?;
+    checked(&place, record, WindowRecord::check)
+}
+
+#[cfg(test)]
+mod tests {
+    use std::fs;
+
+    use rstest::rstest;
+    use serde_json::{Map, Value};
+
+    use super::*;
+
+    #[rstest]
+    #[case("", 0)]
+    #[case("{}", 2)]
+    #[case(r#"{"a":1,"b":[1,2]}"#, 6)]
+    #[case(r#"[{"":0},{"":0}]"#, 7)]
+    #[case(r#"{"a,[{":"\\\"[,{","b":"\\"}"#, 3)]
+    fn values_are_counted_outside_of_strings(#[case] json: &str, #[case] values: usize) {
+        assert_eq!(values_in(json.as_bytes()), values);
+    }
+
+    fn fixture(name: &str) -> Vec<u8> {
+        let recorded = concat!(env!("CARGO_MANIFEST_DIR"), "/../../tests/fixtures/recorded/");
+        fs::read(format!("{recorded}{name}")).unwrap()
+    }
+
+    const SCENARIO: &str = "scenarios/x86-64-debian-12-docker/";
+
+    #[test]
+    fn a_real_record_has_a_small_part_of_the_values_that_it_may_have() {
+        let values = |name: &str| values_in(&fixture(name));
+        assert!(4 * values(&format!("{SCENARIO}environment.json")) < Most::ENVIRONMENT.values);
+        assert!(10 * values(&format!("{SCENARIO}window-1/window.json")) < Most::WINDOW.values);
+        assert!(100 * values("manifest.json") < Most::MANIFEST.values);
+        // Of two scenarios: a thousand are five hundred times as many.
+        assert!(2 * 500 * values("plan.json") < Most::RECORD.values);
+    }
+
+    /// A record with so many small objects somewhere in it.
+    fn with_many(name: &str, pointer: &str, count: usize) -> (tempfile::TempDir, Place) {
+        let mut document: Value = serde_json::from_slice(&fixture(name)).unwrap();
+        let small = Value::Object(Map::from_iter([(String::new(), 0.into())]));
+        document.pointer_mut(pointer).unwrap()["zz"] = vec![small; count].into();
+        let folder = tempfile::tempdir().unwrap();
+        let place = Place::root(folder.path()).join(name.rsplit('/').next().unwrap());
+        fs::write(place.path(), document.to_string()).unwrap();
+        (folder, place)
+    }
+
+    #[rstest]
+    #[case::plan("plan.json", "/scenarios/0/axes", 1 << 20)]
+    #[case::manifest("manifest.json", "/providers", 1 << 18)]
+    #[case::environment("environment.json", "/facts", 1 << 11)]
+    fn a_record_with_more_values_than_any_real_one_is_refused(
+        #[case] name: &str,
+        #[case] pointer: &str,
+        #[case] count: usize,
+    ) {
+        let read = |place: &Place| match name {
+            "plan.json" => read_plan(place, None).map(drop),
+            "manifest.json" => read_manifest(place, None).map(drop),
+            _ => read_environment(place, std::iter::empty()).map(drop),
+        };
+        let path = match name {
+            "environment.json" => format!("{SCENARIO}{name}"),
+            name => name.to_owned(),
+        };
+        let (_folder, place) = with_many(&path, pointer, 3);
+        read(&place).unwrap();
+        let (_folder, place) = with_many(&path, pointer, count);
+        let error = read(&place).unwrap_err();
+        assert!(
+            crate::causes::with_causes(&error).contains("`values` is"),
+            "{error:?}"
+        );
+    }
+
+    #[rstest]
+    #[case::many("reasons", Value::from(vec![""; 200]))]
+    #[case::very_many("reasons", Value::from(vec![""; 300_000]))]
+    #[case::long("reasons", Value::from(vec!["x".repeat(100_000)]))]
+    #[case::many_notices("notices", serde_json::json!({"count": 1, "first": vec![""; 100]}))]
+    fn a_window_that_says_more_than_any_real_one_is_refused(#[case] field: &str, #[case] said: Value) {
+        let mut record: Value =
+            serde_json::from_slice(&fixture(&format!("{SCENARIO}window-1/window.json"))).unwrap();
+        record[field] = said;
+        let folder = tempfile::tempdir().unwrap();
+        fs::write(folder.path().join(layout::WINDOW), record.to_string()).unwrap();
+        let error = read_window(&Place::root(folder.path()), None).unwrap_err();
+        assert!(matches!(error, ReadError::Impossible { .. }), "{error:?}");
     }
 }

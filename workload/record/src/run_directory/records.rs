@@ -6,8 +6,8 @@ use std::io;
 use sha2::{Digest, Sha256};
 
 use super::{
-    FORMAT, Journal, Manifest, Place, PlanRecord, RunDirectory, RunState,
-    reading::{ReadError, read_checked},
+    Journal, Manifest, PlanRecord, RunDirectory, RunState,
+    reading::{ReadError, read_manifest, read_plan},
 };
 
 /// What was asked, what was planned and what happened.
@@ -34,16 +34,9 @@ impl RunRecords {
         let journal = Journal::read(&directory.journal());
         let entries = journal.iter().flat_map(|journal| &journal.entries);
         let state = RunState::replay(entries);
-        let place = directory.plan();
-        let plan: PlanRecord = read_checked(&place, FORMAT, state.plan_sha256.as_deref())?;
-        let impossible = |place: &Place| {
-            let path = place.path();
-            |source| ReadError::Impossible { path, source }
-        };
-        plan.check().map_err(impossible(&place))?;
+        let plan = read_plan(&directory.plan(), state.plan_sha256.as_deref())?;
         let place = directory.manifest();
-        let manifest: Manifest = read_checked(&place, FORMAT, state.manifest_sha256.as_deref())?;
-        manifest.check().map_err(impossible(&place))?;
+        let manifest = read_manifest(&place, state.manifest_sha256.as_deref())?;
         if !manifest.has_its_matrix() {
             return Err(ReadError::Damaged {
                 path: place.path(),
