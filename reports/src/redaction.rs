@@ -607,7 +607,10 @@ fn copy_scenario(
                     continue;
                 };
                 make_folder_of(&copy)?;
-                let mut from = file.open_within(bytes).map_err(at(&file.path()))?;
+                let mut from = file.open_within(bytes).map_err(|source| ReadError::Io {
+                    path: file.path(),
+                    source,
+                })?;
                 let copied = copy.create().and_then(|mut to| io::copy(&mut from, &mut to));
                 copied.map(drop).map_err(at(&copy.path()))?;
             }
