@@ -2,7 +2,7 @@
 
 use std::sync::Arc;
 
-use record::connection::Connection;
+use record::{connection::Connection, run_directory::Manifest};
 use schemars::JsonSchema;
 use serde::Deserialize;
 
@@ -61,6 +61,18 @@ pub fn read(source: &Arc<Source>, node: &Node, found: &mut Diagnostics) -> Vec<H
             Diagnostic::error(source, Code::WrongType, node.span, message).help(
                 "write `lab1: {hardware: …, os: …, connect: local}`, or leave `hosts:` out for this machine",
             ),
+        );
+        return Vec::new();
+    }
+    if node.entries().len() > Manifest::MOST_HOSTS {
+        let message = format!(
+            "{} hosts are more than {}",
+            node.entries().len(),
+            Manifest::MOST_HOSTS
+        );
+        found.push(
+            Diagnostic::error(source, Code::TooLarge, node.span, message)
+                .help("leave out hosts that measure no scenario"),
         );
         return Vec::new();
     }

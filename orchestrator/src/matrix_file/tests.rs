@@ -339,3 +339,22 @@ fn a_link_to_a_matrix_file_is_read() {
     std::os::unix::fs::symlink("other.yaml", &path).unwrap();
     assert!(MatrixFile::read(&path, None, Catalogue::default()).is_ok());
 }
+
+#[test]
+fn more_hosts_than_a_manifest_may_have_are_a_mistake() {
+    let file = |hosts: usize| {
+        let host = |number| format!("  h{number}: {{hardware: x86_64, os: debian-12, connect: local}}\n");
+        let hosts: String = (0..hosts).map(host).collect();
+        MatrixFile::parse(
+            "m.yaml",
+            format!("matrix: {{}}\nhosts:\n{hosts}").as_bytes(),
+            None,
+        )
+    };
+    assert_eq!(file(1000).unwrap().hosts.len(), 1000);
+    let found = file(1001).unwrap_err();
+    assert!(
+        found.to_string().contains("1001 hosts are more than 1000"),
+        "{found}"
+    );
+}

@@ -55,12 +55,18 @@ pub struct Manifest {
 }
 
 impl Manifest {
+    /// More hosts no matrix file has: one for each scenario.
+    pub const MOST_HOSTS: usize = 1000;
+
     /// Looks whether it is one that `matrix` could have written: it comes from a run directory.
     ///
     /// # Errors
     /// What is not.
     pub fn check(&self) -> Result<(), Impossible> {
-        self.report.check()
+        match self.hosts.len() > Self::MOST_HOSTS {
+            true => Err(Impossible::count("hosts", self.hosts.len())),
+            false => self.report.check(),
+        }
     }
 }
 
@@ -160,6 +166,16 @@ mod tests {
     use serde_json::json;
 
     use super::*;
+
+    #[test]
+    fn a_manifest_has_no_more_hosts_than_a_matrix_file() {
+        let recorded = include_str!("../../../../tests/fixtures/recorded/manifest.json");
+        let mut manifest: Manifest = serde_json::from_str(recorded).unwrap();
+        manifest.hosts = vec![manifest.hosts[0].clone(); Manifest::MOST_HOSTS];
+        assert_eq!(manifest.check(), Ok(()));
+        manifest.hosts.push(manifest.hosts[0].clone());
+        assert!(manifest.check().is_err());
+    }
 
     #[rstest]
     #[case::this_machine(json!("local"), true, true)]

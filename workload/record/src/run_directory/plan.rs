@@ -6,7 +6,7 @@ use serde::{Deserialize, Serialize};
 
 use crate::{
     axis::axis_text,
-    name::{name, name_if_any},
+    name::{is_name, name, name_if_any},
     settings::{Settings, recorded},
     window::Impossible,
 };
@@ -84,6 +84,18 @@ impl PlanRecord {
         if self.later_rounds.len() >= Settings::MOST_ENVIRONMENTS as usize {
             return wrong("later_rounds", format!("a list of {}", self.later_rounds.len()));
         }
+        // Each of them is one environment of a scenario. A letter that no scenario has is left to those that look for it.
+        let mut letters = self.rounds().flat_map(|(_, order)| order);
+        if let Some(letter) = letters.find(|letter| !is_name(letter)) {
+            return wrong(
+                "order",
+                format!("a letter of {} bytes that is no name", letter.len()),
+            );
+        }
+        let letters: usize = self.rounds().map(|(_, order)| order.len()).sum();
+        if letters as u64 > Self::MOST_WINDOWS {
+            return wrong("order", format!("{letters} letters in all"));
+        }
         let windows: u64 = self
             .scenarios
             .iter()
@@ -141,4 +153,29 @@ pub fn letter(index: usize) -> String {
         rest /= 26;
     }
     letters.iter().rev().collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn plan(order: Vec<String>, later_rounds: Vec<Vec<String>>) -> PlanRecord {
+        PlanRecord {
+            format: super::super::FORMAT,
+            scenarios: Vec::new(),
+            order,
+            later_rounds,
+            measuring_s: 0.0,
+        }
+    }
+
+    #[test]
+    fn an_order_has_names_and_no_more_of_them_than_there_can_be_environments() {
+        let letters = |count: usize| vec!["a".to_owned(); count];
+        assert_eq!(plan(letters(1000), vec![letters(1000); 99]).check(), Ok(()));
+        assert!(plan(letters(200_001), Vec::new()).check().is_err());
+        assert!(plan(letters(1), vec![letters(1000); 200]).check().is_err());
+        assert!(plan(vec!["a".repeat(1000)], Vec::new()).check().is_err());
+        assert!(plan(letters(1), vec![vec![String::new()]]).check().is_err());
+    }
 }
