@@ -34,7 +34,7 @@ use record::{
 };
 use rustix::fs::OFlags;
 
-pub use axes::{Assignment, Axes, Axis, AxisValue, Exclude, Include};
+pub use axes::{Assignment, Axes, Axis, AxisValue, Condition, Exclude, Include};
 pub(crate) use axes::{FEWER, SCENARIOS};
 pub use diagnostic::{Code, Diagnostic, DiagnosticRecord, Diagnostics, Severity};
 pub use hosts::{Host, THIS_MACHINE};
@@ -262,17 +262,20 @@ impl MatrixFile {
 
     /// Every value of every sweep by itself, so that a wrong unit is found even in a scenario that is excluded.
     fn check_sweeps(&self, found: &mut Diagnostics) {
-        let rules = self.matrix.excludes.iter().map(|exclude| &exclude.values);
-        let rules = rules.chain(self.matrix.includes.iter().map(|include| &include.values));
-        let in_rules = rules
-            .flatten()
-            .map(|assignment| (&assignment.axis, &assignment.value));
+        let conditions = self
+            .matrix
+            .excludes
+            .iter()
+            .flat_map(|exclude| &exclude.conditions);
+        let in_excludes = conditions.flat_map(|it| it.plain().map(|value| (&it.axis, value)));
+        let assignments = self.matrix.includes.iter().flat_map(|include| &include.values);
+        let in_includes = assignments.map(|assignment| (&assignment.axis, &assignment.value));
         let on_axes = self
             .matrix
             .axes
             .iter()
             .flat_map(|axis| axis.values.iter().map(|value| (&axis.name, value)));
-        let values = on_axes.chain(in_rules);
+        let values = on_axes.chain(in_excludes).chain(in_includes);
         for (name, value) in values.filter(|(name, _)| Role::of(&name.value) == Ok(Role::Sweep)) {
             if let Err(wrong) = self.swept([(name.value.as_str(), value)]) {
                 found.extend(wrong);

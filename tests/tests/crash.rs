@@ -16,7 +16,7 @@ use tests::{Ran, Workplace};
 const FAKE: &str = "\
 matrix:
   virtualization: [fake]
-  place: [here, there]
+  labels: {place: [here, there]}
 workload:
   windows: 4
   window: 8s

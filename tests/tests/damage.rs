@@ -18,7 +18,7 @@ use tests::{Workplace, without_checksums};
 const FAKE: &str = "\
 matrix:
   virtualization: [fake]
-  place: [here, there]
+  labels: {place: [here, there]}
 workload:
   windows: 2
   window: 8s

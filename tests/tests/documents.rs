@@ -8,7 +8,7 @@ use tests::{
 /// Two scenarios of the fake platform that are alike, and one whose environment cannot be made; no host is a Sparc.
 fn matrix_file(special: &str) -> String {
     format!(
-        "matrix: {{hardware: [x86_64, sparc], os: [debian-12], virtualization: [fake], place: [here, there, away]}}\n\
+        "matrix: {{hardware: [x86_64, sparc], os: [debian-12], virtualization: [fake], labels: {{place: [here, there, away]}}, exclude: [{{hardware: sparc, place: away}}]}}\n\
          hosts: {{desk: {{connect: local, hardware: x86_64, os: debian-12}}}}\n\
          workload: {{windows: 2, window: 8s, period: 1s}}\n\
          report: {{equivalence_margin: 1mm, family: all}}\n{special}"
@@ -86,7 +86,7 @@ fn what_is_printed_for_programs_is_as_its_schema_says() {
     assert!(checked["infeasible"][0]["reason"].is_string(), "{checked:#}");
     assert!(
         checked["warnings"][0]["line"].is_u64(),
-        "a label axis: {checked:#}"
+        "an exclude without a reason: {checked:#}"
     );
     described("plan", &["plan", "m.yaml"]);
     let with_window_sd = described("plan", &["plan", "m.yaml", "--window-sd", "1mm"]);

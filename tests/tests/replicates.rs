@@ -9,7 +9,7 @@ use tests::{Workplace, documents::assert_described};
 const ROUNDS: &str = "\
 matrix:
   virtualization: [fake]
-  place: [here, there]
+  labels: {place: [here, there]}
 workload:
   windows: 2
   environments: 3

@@ -5,6 +5,7 @@
 use std::sync::Arc;
 
 use record::run_directory::PlanRecord;
+use wildmatch::WildMatch;
 
 use super::{
     diagnostic::{Code, Diagnostic, Diagnostics},
@@ -63,7 +64,7 @@ impl AxisValue {
     }
 }
 
-/// `axis: value` in an exclude or an include.
+/// `axis: value` in an include.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Assignment {
     /// The axis.
@@ -72,11 +73,38 @@ pub struct Assignment {
     pub value: AxisValue,
 }
 
-/// Combinations that are not run: those with all of these values.
+/// `axis: value` or `axis: [value, …]` in an exclude. A value may have `*` and `?`.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Condition {
+    /// The axis.
+    pub axis: Spanned<String>,
+    /// The values, at least one.
+    pub values: Vec<AxisValue>,
+}
+
+impl Condition {
+    /// Whether one of the values is that one, or fits it.
+    #[must_use]
+    pub fn fits(&self, value: &str) -> bool {
+        let mut values = self.values.iter();
+        values.any(|wanted| WildMatch::new(&wanted.text).matches(value))
+    }
+
+    /// The values that stand for themselves alone.
+    pub fn plain(&self) -> impl Iterator<Item = &AxisValue> {
+        self.values.iter().filter(|value| !is_pattern(&value.text))
+    }
+}
+
+fn is_pattern(text: &str) -> bool {
+    text.contains(['*', '?'])
+}
+
+/// Combinations that are not run: those that fit all of these conditions.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Exclude {
-    /// The values.
-    pub values: Vec<Assignment>,
+    /// The conditions, each on another axis.
+    pub conditions: Vec<Condition>,
     /// The reason that the file gives, for the plan and the report.
     pub reason: Option<String>,
     /// Where it stands.
@@ -101,6 +129,9 @@ pub const FEWER: &str = "take values away, or write several matrix files";
 const EXCLUDE: &str = "exclude";
 const INCLUDE: &str = "include";
 const REASON: &str = "reason";
+const LABELS: &str = "labels";
+/// So many values of an axis are repeated in a proposal.
+const REPEATED: usize = 8;
 
 /// Reads the section for these providers. What is wrong goes to `found`; what is right is in the result.
 pub fn read(source: &Arc<Source>, node: &Node, catalogue: Catalogue, found: &mut Diagnostics) -> Axes {
@@ -123,8 +154,10 @@ pub fn read(source: &Arc<Source>, node: &Node, catalogue: Catalogue, found: &mut
         );
     }
     for entry in node.entries() {
-        if !matches!(entry.key.value.as_str(), EXCLUDE | INCLUDE) {
-            axes.axes.extend(section.axis(&entry.key, &entry.value));
+        match entry.key.value.as_str() {
+            EXCLUDE | INCLUDE => {}
+            LABELS => axes.axes.extend(section.labels(&entry.value)),
+            _ => axes.axes.extend(section.axis(&entry.key, &entry.value)),
         }
     }
     if let Some(entry) = node.entry(EXCLUDE) {
@@ -142,7 +175,7 @@ struct Section<'a> {
     source: &'a Arc<Source>,
     catalogue: Catalogue,
     found: &'a mut Diagnostics,
-    /// Labels that were warned of: once is enough.
+    /// The labels of the section, which rules may name as they name other axes.
     labels: Vec<String>,
 }
 
@@ -159,8 +192,57 @@ impl Section<'_> {
     }
 
     fn axis(&mut self, name: &Spanned<String>, node: &Node) -> Option<Axis> {
-        self.role(name)?;
-        self.warn_of_label(name);
+        if self.role(name)? == Role::Label {
+            self.unknown_axis(name, node);
+            return None;
+        }
+        self.values(name, node)
+    }
+
+    /// The axes below `labels:`.
+    fn labels(&mut self, node: &Node) -> Vec<Axis> {
+        if !node.is_null() && !matches!(node.content, Content::Mapping(_)) {
+            self.wrong_type(node, "names and their values, as in `rack: [north, south]`,");
+        }
+        let mut axes = Vec::new();
+        for entry in node.entries() {
+            if self.is_label(&entry.key) {
+                self.labels.push(entry.key.value.clone());
+                axes.extend(self.values(&entry.key, &entry.value));
+            }
+        }
+        axes
+    }
+
+    /// Whether a name below `labels:` can be a label's.
+    fn is_label(&mut self, name: &Spanned<String>) -> bool {
+        let (message, help) = match Role::of(&name.value) {
+            Ok(Role::Label) if !matches!(name.value.as_str(), EXCLUDE | INCLUDE | LABELS | REASON) => {
+                return true;
+            }
+            Ok(Role::Label) => (
+                format!("`{}` has a meaning of its own and cannot be a label", name.value),
+                "give the label another name".to_owned(),
+            ),
+            Ok(_) => (
+                format!("`{}` is an axis that changes something, and no label", name.value),
+                "write it beside `labels:`, not below".to_owned(),
+            ),
+            Err(_) => (
+                format!(
+                    "`{}` reads like the path of a setting, and cannot be a label",
+                    name.value
+                ),
+                "give the label a name without the name of a section of settings".to_owned(),
+            ),
+        };
+        let error = self.error(Code::UnknownKey, name.span, message);
+        self.found.push(error.help(help));
+        false
+    }
+
+    /// An axis with its values.
+    fn values(&mut self, name: &Spanned<String>, node: &Node) -> Option<Axis> {
         let Content::List(items) = &node.content else {
             let one = node.text().map_or_else(|| "…".to_owned(), str::to_owned);
             let error = if node.is_null() {
@@ -233,25 +315,23 @@ impl Section<'_> {
             .ok()
     }
 
-    /// A label may be a misspelling.
-    fn warn_of_label(&mut self, name: &Spanned<String>) {
-        if Role::of(&name.value) != Ok(Role::Label) || self.labels.contains(&name.value) {
-            return;
-        }
-        self.labels.push(name.value.clone());
+    /// A name that is no setting's: it would change nothing but names, which is seldom meant.
+    fn unknown_axis(&mut self, name: &Spanned<String>, node: &Node) {
         let message = format!(
-            "the axis `{}` is a label: it changes nothing but names",
+            "there is no setting `{}`, so an axis of that name changes nothing",
             name.value
         );
-        let help = did_you_mean(&name.value, known_axes()).map_or_else(
-            || "an axis with the path of a setting changes it, as in `network.loss: [0%, 1%]`".to_owned(),
-            |meant| format!("did you mean `{meant}`?"),
+        let meant = did_you_mean(&name.value, known_axes());
+        let meant = meant
+            .map(|meant| format!("did you mean `{meant}`? "))
+            .unwrap_or_default();
+        let help = format!(
+            "{meant}If it is to change nothing but names, write:\n{LABELS}:\n  {}: {}",
+            name.value,
+            as_written(node)
         );
-        self.found.push(
-            Diagnostic::warning(self.source, Code::LabelAxis, name.span, message)
-                .label("no setting of this name")
-                .help(help),
-        );
+        let error = self.error(Code::UnknownKey, name.span, message);
+        self.found.push(error.label("no setting of this name").help(help));
     }
 
     fn axis_value(&mut self, axis: &str, node: &Node) -> Option<AxisValue> {
@@ -297,7 +377,7 @@ impl Section<'_> {
             .entry(REASON)
             .and_then(|entry| entry.value.text())
             .map(str::to_owned);
-        let values = self.assignments(node, &[REASON])?;
+        let conditions = self.rule(node, &[REASON], Self::condition)?;
         if reason.is_none() {
             self.found.push(
                 Diagnostic::warning(
@@ -310,50 +390,115 @@ impl Section<'_> {
             );
         }
         Some(Exclude {
-            values,
+            conditions,
             reason,
             span: node.span,
         })
     }
 
     fn include(&mut self, node: &Node) -> Option<Include> {
-        let values = self.assignments(node, &[])?;
-        values
-            .iter()
-            .for_each(|assignment| self.warn_of_label(&assignment.axis));
         Some(Include {
-            values,
+            values: self.rule(node, &[], Self::assignment)?,
             span: node.span,
         })
     }
 
-    /// The `axis: value` pairs of a rule; none if one of them is wrong, for the rule means something else without it.
-    fn assignments(&mut self, node: &Node, besides: &[&str]) -> Option<Vec<Assignment>> {
+    /// What a rule has for each axis; none if one of these is wrong, for the rule means something else without it.
+    fn rule<T>(
+        &mut self,
+        node: &Node,
+        besides: &[&str],
+        read: impl Fn(&mut Self, &Spanned<String>, &Node) -> Option<T>,
+    ) -> Option<Vec<T>> {
         if !matches!(node.content, Content::Mapping(_)) {
             self.wrong_type(node, "axes and values, as in `os: osx`,");
             return None;
         }
         let entries = node.entries().iter();
-        let entries: Vec<_> = entries
-            .filter(|entry| !besides.contains(&entry.key.value.as_str()))
-            .collect();
-        if entries.is_empty() {
+        let entries = entries.filter(|entry| !besides.contains(&entry.key.value.as_str()));
+        let mut parts = Vec::new();
+        for entry in entries {
+            if entry.key.value != LABELS {
+                parts.push(
+                    self.is_axis(&entry.key, &entry.value)
+                        .then_some((&entry.key, &entry.value)),
+                );
+                continue;
+            }
+            if !matches!(entry.value.content, Content::Mapping(_)) {
+                self.wrong_type(&entry.value, "names and values, as in `rack: north`,");
+                return None;
+            }
+            for label in entry.value.entries() {
+                parts.push(self.is_label(&label.key).then_some((&label.key, &label.value)));
+            }
+        }
+        if parts.is_empty() {
             let error = self
                 .error(Code::MissingKey, node.span, "this names no axis")
                 .help("write the values that a combination must have, as in `os: osx`");
             self.found.push(error);
             return None;
         }
-        let assignments: Vec<_> = entries
+        let read: Vec<Option<T>> = parts
+            .into_iter()
+            .map(|part| part.and_then(|(name, node)| read(self, name, node)))
+            .collect();
+        read.into_iter().collect()
+    }
+
+    /// Whether a rule may name it: an axis that changes something, or one of the section's labels.
+    fn is_axis(&mut self, name: &Spanned<String>, node: &Node) -> bool {
+        match self.role(name) {
+            Some(Role::Label) if !self.labels.contains(&name.value) => {
+                self.unknown_axis(name, node);
+                false
+            }
+            role => role.is_some(),
+        }
+    }
+
+    fn assignment(&mut self, name: &Spanned<String>, node: &Node) -> Option<Assignment> {
+        Some(Assignment {
+            axis: name.clone(),
+            value: self.axis_value(&name.value, node)?,
+        })
+    }
+
+    fn condition(&mut self, name: &Spanned<String>, node: &Node) -> Option<Condition> {
+        let nodes = match &node.content {
+            Content::List(items) => items.as_slice(),
+            _ => std::slice::from_ref(node),
+        };
+        if nodes.is_empty() {
+            self.wrong_type(node, "a value or a list of values");
+            return None;
+        }
+        let values: Vec<Option<AxisValue>> = nodes
             .iter()
-            .filter_map(|entry| {
-                self.role(&entry.key)?;
-                Some(Assignment {
-                    axis: entry.key.clone(),
-                    value: self.axis_value(&entry.key.value, &entry.value)?,
-                })
+            .map(|node| match node.text() {
+                Some(text) if is_pattern(text) => Some(AxisValue {
+                    text: text.to_owned(),
+                    node: node.clone(),
+                }),
+                _ => self.axis_value(&name.value, node),
             })
             .collect();
-        (assignments.len() == entries.len()).then_some(assignments)
+        Some(Condition {
+            axis: name.clone(),
+            values: values.into_iter().collect::<Option<_>>()?,
+        })
+    }
+}
+
+/// A value or a list of values on one line of YAML, as far as a proposal needs it.
+fn as_written(node: &Node) -> String {
+    match &node.content {
+        Content::List(items) => {
+            let texts = items.iter().take(REPEATED).map(as_written);
+            let more = (items.len() > REPEATED).then(|| "…".to_owned());
+            format!("[{}]", texts.chain(more).collect::<Vec<_>>().join(", "))
+        }
+        _ => node.text().unwrap_or("…").to_owned(),
     }
 }

@@ -64,8 +64,6 @@ pub enum Code {
     UnknownValue,
     /// An axis without values.
     EmptyAxis,
-    /// An axis that changes nothing.
-    LabelAxis,
     /// The same scenario twice.
     DuplicateScenario,
     /// An include that changes nothing.
@@ -105,7 +103,6 @@ impl Code {
             Self::InvalidValue => "invalid-value",
             Self::UnknownValue => "unknown-value",
             Self::EmptyAxis => "empty-axis",
-            Self::LabelAxis => "label-axis",
             Self::DuplicateScenario => "duplicate-scenario",
             Self::IdleInclude => "idle-include",
             Self::IdleExclude => "idle-exclude",

@@ -64,6 +64,12 @@ fn matrix(catalogue: Catalogue) -> Value {
     let value = json!({ "type": ["string", "number", "boolean"] });
     let axis = json!({ "type": "array", "minItems": 1, "uniqueItems": true, "items": value });
     let virtualization = json!({ "enum": catalogue.names().collect::<Vec<_>>() });
+    let pattern = json!({ "anyOf": [value, { "type": "array", "minItems": 1, "items": value }] });
+    let labels = json!({
+        "description": "Axes that change nothing but names.",
+        "type": ["object", "null"],
+        "additionalProperties": axis,
+    });
     let mut properties = json!({
         "hardware": with_description(&axis, "Hardware that hosts offer; the hosts give it when left out."),
         "os": with_description(&axis, "Operating systems that hosts offer; the hosts give them when left out."),
@@ -71,17 +77,18 @@ fn matrix(catalogue: Catalogue) -> Value {
             "description": "What the environments are made with; `native` when left out.",
             "type": "array", "minItems": 1, "uniqueItems": true, "items": virtualization,
         },
+        "labels": labels,
         "exclude": {
-            "description": "Combinations that are not run: those with all the values named.",
+            "description": "Combinations that are not run: those with one of the values named for each axis. `*` and `?` stand for any.",
             "type": ["array", "null"],
             "items": {
                 "type": "object",
                 "minProperties": 1,
                 "properties": {
-                    "virtualization": virtualization,
+                    "labels": { "type": "object", "additionalProperties": pattern },
                     "reason": { "type": "string", "description": "Why; stands in every report." },
                 },
-                "additionalProperties": value,
+                "additionalProperties": pattern,
             },
         },
         "include": {
@@ -90,7 +97,10 @@ fn matrix(catalogue: Catalogue) -> Value {
             "items": {
                 "type": "object",
                 "minProperties": 1,
-                "properties": { "virtualization": virtualization },
+                "properties": {
+                    "labels": { "type": "object", "additionalProperties": value },
+                    "virtualization": virtualization,
+                },
                 "additionalProperties": value,
             },
         },
@@ -105,7 +115,7 @@ fn matrix(catalogue: Catalogue) -> Value {
         "description": "Axes are lists of values; every combination is a scenario.",
         "type": ["object", "null"],
         "properties": properties,
-        "additionalProperties": axis,
+        "additionalProperties": false,
     })
 }
 

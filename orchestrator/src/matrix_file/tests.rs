@@ -72,7 +72,20 @@ fn told(bytes: &[u8], profile: Option<&str>) -> Diagnostics {
 #[case::missing_unit_in_a_sweep("matrix:\n  network.loss: [0%, 1]\n")]
 #[case::unknown_setting_as_an_axis("matrix:\n  network.los: [0%, 1%]\n")]
 #[case::a_section_as_an_axis("matrix:\n  network: [a, b]\n")]
-#[case::label("matrix:\n  virtualisation: [native]\n")]
+#[case::an_axis_that_is_no_setting(
+    "matrix:\n  virtualisation: [native, docker]\n  rack: [1, 2, 3, 4, 5, 6, 7, 8, 9]\n"
+)]
+#[case::a_rule_on_no_axis("matrix:\n  include:\n  - {virtualization: docker, image: slim}\n")]
+#[case::labels_that_are_none(
+    "matrix:\n  labels:\n    network.loss: [0%]\n    network.lost: [x]\n    reason: [a]\n  exclude:\n  - {labels: rack, reason: x}\n"
+)]
+#[case::labels_without_names("matrix:\n  labels: [rack]\n")]
+#[case::an_exclude_of_nothing(
+    "matrix:\n  virtualization: [native]\n  exclude:\n  - {virtualization: [], reason: x}\n"
+)]
+#[case::an_exclude_that_fits_nothing(
+    "matrix:\n  os: [osx]\n  exclude:\n  - {os: [debian, \"ubuntu*\"], reason: x}\n  - {os: \"d*\", reason: x}\n"
+)]
 #[case::misspelt_virtualization("matrix:\n  virtualization: [native, dokcer]\n")]
 #[case::empty_axis("matrix:\n  virtualization: []\n")]
 #[case::axis_without_a_value("matrix:\n  virtualization:\n")]
@@ -186,10 +199,11 @@ fn ten_megabytes_of_nesting_are_one_clear_error() {
 #[case::one_word("a".repeat(1_000_000))]
 #[case::quotes("'".repeat(1_000_000))]
 #[case::keys((0..40_000).map(|key| format!("k{key}: 1\n")).collect())]
-#[case::labels(format!("matrix:\n{}", (0..20_000).map(|key| format!("  k{key}: [1]\n")).collect::<String>()))]
-#[case::values(format!("matrix:\n  a: [{}]\n", (0..40_000).map(|value| format!("{value}, ")).collect::<String>()))]
-#[case::includes(format!("matrix:\n  include:\n{}", (0..15_000).map(|value| format!("  - {{a: {value}}}\n")).collect::<String>()))]
-#[case::excludes(format!("matrix:\n  a: [1]\n  exclude:\n{}", (0..10_000).map(|value| format!("  - {{a: {value}}}\n")).collect::<String>()))]
+#[case::unknown_axes(format!("matrix:\n{}", (0..20_000).map(|key| format!("  k{key}: [1]\n")).collect::<String>()))]
+#[case::labels(format!("matrix:\n  labels:\n{}", (0..20_000).map(|key| format!("    k{key}: [1]\n")).collect::<String>()))]
+#[case::values(format!("matrix:\n  labels:\n    a: [{}]\n", (0..40_000).map(|value| format!("{value}, ")).collect::<String>()))]
+#[case::includes(format!("matrix:\n  labels: {{a: [x]}}\n  include:\n{}", (0..15_000).map(|value| format!("  - {{a: {value}}}\n")).collect::<String>()))]
+#[case::excludes(format!("matrix:\n  labels: {{a: [1]}}\n  exclude:\n{}", (0..10_000).map(|value| format!("  - {{a: {value}}}\n")).collect::<String>()))]
 #[case::profiles(format!("matrix: {{}}\nprofiles:\n{}", (0..20_000).map(|key| format!("  k{key}: {{}}\n")).collect::<String>()))]
 #[case::comments("#\n".repeat(500_000))]
 #[case::anchors("- &a x\n".repeat(140_000))]

@@ -12,8 +12,8 @@ use record::axis::{HARDWARE, NATIVE, OS, VIRTUALIZATION};
 
 use super::placement::HostCapabilities;
 use crate::matrix_file::{
-    Assignment, Axis, AxisValue, Code, Diagnostic, Diagnostics, Exclude, FEWER, Include, MatrixFile, Role,
-    SCENARIOS, did_you_mean, list, propose, source::Span,
+    Assignment, Axis, AxisValue, Code, Condition, Diagnostic, Diagnostics, Exclude, FEWER, Include,
+    MatrixFile, Role, SCENARIOS, did_you_mean, list, propose, source::Span,
 };
 
 /// The reason of an exclude that gives none.
@@ -207,11 +207,11 @@ impl<'a> Expansion<'a> {
             let reason = exclude.reason.as_deref().unwrap_or(NO_REASON);
             let mut matched = false;
             for draft in &mut self.drafts {
-                if exclude
-                    .values
-                    .iter()
-                    .all(|wanted| same(value_of(&draft.original, &wanted.axis.value), wanted))
-                {
+                let fits = |condition: &Condition| {
+                    let value = value_of(&draft.original, &condition.axis.value);
+                    value.is_some_and(|value| condition.fits(&value.text))
+                };
+                if exclude.conditions.iter().all(fits) {
                     matched = true;
                     draft.excluded.get_or_insert_with(|| reason.to_owned());
                 }
@@ -227,9 +227,9 @@ impl<'a> Expansion<'a> {
     fn matches_nothing(&mut self, exclude: &Exclude) {
         let source = &self.file.source;
         let usual = [HARDWARE, OS, VIRTUALIZATION];
-        for wanted in &exclude.values {
+        for wanted in &exclude.conditions {
             let axis = wanted.axis.value.as_str();
-            let (name, value) = (wanted.axis.span, wanted.value.node.span);
+            let name = wanted.axis.span;
             if !self.axes.iter().any(|known| known == axis) && !usual.contains(&axis) {
                 self.found.push(
                     Diagnostic::error(
@@ -248,15 +248,19 @@ impl<'a> Expansion<'a> {
                 .iter()
                 .filter_map(|draft| value_of(&draft.original, axis));
             let values: Vec<_> = values.map(|value| value.text.as_str()).collect();
-            let text = wanted.value.text.as_str();
-            if let (false, Some(meant)) = (values.contains(&text), did_you_mean(text, values.iter().copied()))
-            {
+            let absent = wanted
+                .plain()
+                .filter(|value| !values.contains(&value.text.as_str()));
+            let misspelt = absent
+                .filter_map(|value| Some((value, did_you_mean(&value.text, values.iter().copied())?)))
+                .next();
+            if let Some((value, meant)) = misspelt {
                 self.found.push(
                     Diagnostic::error(
                         source,
                         Code::UnknownValue,
-                        value,
-                        format!("no `{axis}` is `{text}`"),
+                        value.node.span,
+                        format!("no `{axis}` is `{}`", value.text),
                     )
                     .label("unknown value")
                     .help(format!("did you mean `{meant}`?")),
@@ -267,17 +271,30 @@ impl<'a> Expansion<'a> {
         let known: HashSet<_> = self
             .drafts
             .iter()
-            .flat_map(|draft| draft.original.iter().map(|(a, v)| (a, &v.text)))
+            .flat_map(|draft| draft.original.iter().map(|(axis, value)| (axis, &value.text)))
             .collect();
-        let absent = exclude
-            .values
-            .iter()
-            .find(|wanted| !known.contains(&(&wanted.axis.value, &wanted.value.text)));
+        let is_absent = |wanted: &&Condition| {
+            let mut values = known.iter().filter(|(axis, _)| **axis == wanted.axis.value);
+            !values.any(|(_, value)| wanted.fits(value))
+        };
+        let absent = exclude.conditions.iter().find(is_absent);
         let help = absent.map_or_else(
             || "no scenario has all of these values together: take one out, or the exclude".to_owned(),
             |wanted| {
-                let (axis, text) = (&wanted.axis.value, &wanted.value.text);
-                format!("no scenario has `{axis}: {text}`: take the exclude out, or correct the value")
+                let texts = wanted.values.iter().map(|value| value.text.as_str());
+                let has_none = match wanted.values.len() {
+                    1 => format!(
+                        "no scenario has `{}: {}`",
+                        wanted.axis.value,
+                        texts.collect::<String>()
+                    ),
+                    _ => format!(
+                        "no scenario has one of {} as `{}`",
+                        list(texts),
+                        wanted.axis.value
+                    ),
+                };
+                format!("{has_none}: take the exclude out, or correct the value")
             },
         );
         self.found.push(

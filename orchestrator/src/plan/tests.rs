@@ -144,8 +144,9 @@ fn as_github_lists(text: &str) -> Vec<String> {
 
 #[rstest]
 #[case::include_expands_and_adds(
-    "matrix:\n  fruit: [apple, pear]\n  animal: [cat, dog]\n  include:\n    - color: green\n    - color: pink\n      \
-     animal: cat\n    - fruit: apple\n      shape: circle\n    - fruit: banana\n    - fruit: banana\n      animal: cat\n",
+    "matrix:\n  labels:\n    fruit: [apple, pear]\n    animal: [cat, dog]\n  include:\n    - labels: {color: green}\n    - labels: \
+     {color: pink}\n      animal: cat\n    - fruit: apple\n      labels: {shape: circle}\n    - fruit: banana\n    - fruit: \
+     banana\n      animal: cat\n",
     &[
         "animal:cat color:pink fruit:apple shape:circle",
         "animal:dog color:green fruit:apple shape:circle",
@@ -156,8 +157,8 @@ fn as_github_lists(text: &str) -> Vec<String> {
     ]
 )]
 #[case::expanding_configurations(
-    "matrix:\n  os: [windows-latest, ubuntu-latest]\n  node: [14, 16]\n  include:\n    - os: windows-latest\n      \
-     node: 16\n      npm: 6\n",
+    "matrix:\n  os: [windows-latest, ubuntu-latest]\n  labels: {node: [14, 16]}\n  include:\n    - os: windows-latest\n      \
+     node: 16\n      labels: {npm: 6}\n",
     &[
         "node:14 os:windows-latest",
         "node:16 npm:6 os:windows-latest",
@@ -166,7 +167,7 @@ fn as_github_lists(text: &str) -> Vec<String> {
     ]
 )]
 #[case::adding_configurations(
-    "matrix:\n  os: [macos-latest, windows-latest, ubuntu-latest]\n  version: [12, 14, 16]\n  include:\n    - os: \
+    "matrix:\n  os: [macos-latest, windows-latest, ubuntu-latest]\n  labels: {version: [12, 14, 16]}\n  include:\n    - os: \
      windows-latest\n      version: 17\n",
     &[
         "os:macos-latest version:12", "os:macos-latest version:14", "os:macos-latest version:16",
@@ -176,11 +177,11 @@ fn as_github_lists(text: &str) -> Vec<String> {
     ]
 )]
 #[case::includes_alone(
-    "matrix:\n  include:\n    - site: production\n      datacenter: site-a\n    - site: staging\n      datacenter: site-b\n",
+    "matrix:\n  include:\n    - labels: {site: production, datacenter: site-a}\n    - labels: {site: staging, datacenter: site-b}\n",
     &["datacenter:site-a site:production", "datacenter:site-b site:staging"]
 )]
 #[case::excluding(
-    "matrix:\n  os: [macos-latest, windows-latest]\n  version: [12, 14, 16]\n  environment: [staging, production]\n  \
+    "matrix:\n  os: [macos-latest, windows-latest]\n  labels: {version: [12, 14, 16], environment: [staging, production]}\n  \
      exclude:\n    - os: macos-latest\n      version: 12\n      environment: production\n    - os: windows-latest\n      \
      version: 16\n",
     &[
@@ -193,12 +194,30 @@ fn as_github_lists(text: &str) -> Vec<String> {
     ]
 )]
 #[case::an_include_brings_back_what_was_excluded(
-    "matrix:\n  fruit: [apple, pear]\n  virtualization: [native, docker]\n  exclude:\n    - fruit: apple\n  include:\n    \
-     - fruit: apple\n      virtualization: docker\n      color: red\n",
+    "matrix:\n  labels: {fruit: [apple, pear]}\n  virtualization: [native, docker]\n  exclude:\n    - fruit: apple\n  include:\n    \
+     - fruit: apple\n      virtualization: docker\n      labels: {color: red}\n",
     &["-fruit:apple", "color:red fruit:apple", "fruit:pear", "fruit:pear"]
 )]
 fn expansion_is_githubs(#[case] text: &str, #[case] expected: &[&str]) {
     assert_eq!(as_github_lists(text), expected);
+}
+
+#[rstest]
+#[case::a_list("{os: osx, version: [12, 16]}", &[true, false, true])]
+#[case::any_characters("{os: osx, version: \"1*\"}", &[true, true, true])]
+#[case::one_character("{os: \"?sx\", version: [\"?4\", 9]}", &[false, true, false])]
+#[case::a_pattern_of_a_setting("{network.delay: \"*\", version: 12}", &[true, false, false])]
+fn an_exclude_takes_lists_and_patterns(#[case] exclude: &str, #[case] excluded: &[bool]) {
+    let plan = planned(&format!(
+        "matrix:\n  os: [osx]\n  labels: {{version: [12, 14, 16]}}\n  network.delay: [10ms]\n  exclude:\n    - {exclude}\n"
+    ))
+    .unwrap();
+    let is_excluded = |scenario: &PlannedScenario| {
+        let reason = scenario.reason.as_deref().unwrap_or_default();
+        reason.contains("exclude")
+    };
+    let found: Vec<_> = plan.record.scenarios.iter().map(is_excluded).collect();
+    assert_eq!(found, excluded);
 }
 
 #[test]
@@ -446,7 +465,7 @@ fn the_same_seed_gives_the_same_plan_and_another_another_order() {
 
 #[test]
 fn values_keep_their_spelling() {
-    let plan = planned("matrix: {release: [22.10, 1e3, true, 0x10, '01']}").unwrap();
+    let plan = planned("matrix: {labels: {release: [22.10, 1e3, true, 0x10, '01']}}").unwrap();
     let values: Vec<_> = plan
         .record
         .scenarios
@@ -513,7 +532,7 @@ proptest! {
     #[test]
     fn every_plan_has_unique_names_and_an_order_of_the_feasible(values in prop::collection::hash_set("[a-zA-Z0-9 ./-]{1,70}", 1..20), seed: u64) {
         let list: Vec<_> = values.iter().map(|value| format!("'{value}'")).collect();
-        let text = format!("matrix: {{label: [{}], virtualization: [fake, native]}}", list.join(", "));
+        let text = format!("matrix: {{labels: {{label: [{}]}}, virtualization: [fake, native]}}", list.join(", "));
         let file = MatrixFile::parse("m", text.as_bytes(), None);
         prop_assume!(file.is_ok());
         let plan = plan(&file.unwrap(), &this_machine(), &Selection::default(), Order::Randomised, seed).unwrap();

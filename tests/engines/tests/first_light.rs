@@ -157,7 +157,7 @@ fn a_selection_runs_what_it_names_and_is_done_with_that() {
     let workplace = Workplace::new();
     workplace.write(
         "m.yaml",
-        "matrix:\n  virtualization: [fake]\n  place: [here, there]\n\
+        "matrix:\n  virtualization: [fake]\n  labels: {place: [here, there]}\n\
          workload:\n  windows: 2\n  window: 8s\n  period: 1s\n",
     );
     let ran = workplace.run(&["run", "m.yaml", "--only", "place=there"]);

@@ -18,7 +18,7 @@ fn report() -> (Workplace, PathBuf) {
         "m.yaml",
         "matrix:
   hardware: [x86_64, riscv64]
-  kernel: [stable, preempt-rt_100%, tickless, rescue]
+  labels: {kernel: [stable, preempt-rt_100%, tickless, rescue]}
   virtualization: [fake]
 hosts: {desk: {connect: local, hardware: x86_64, os: debian-12}}
 workload: {windows: 4, window: 30s, period: 1s}

@@ -23,7 +23,7 @@ fn the_example_finds_the_reports_own_numbers_and_draws_its_figure_again() {
     let workplace = Workplace::new();
     workplace.write(
         "m.yaml",
-        "matrix: {hardware: [x86_64], kernel: [stable, preempt-rt, tickless], virtualization: [fake]}\n\
+        "matrix: {hardware: [x86_64], labels: {kernel: [stable, preempt-rt, tickless]}, virtualization: [fake]}\n\
          hosts: {desk: {connect: local, hardware: x86_64, os: debian-12}}\n\
          workload: {windows: 4, window: 30s, period: 1s}\n\
          report: {baseline: {kernel: stable}}\n\

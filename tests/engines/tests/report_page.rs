@@ -21,7 +21,7 @@ const PAPER: u32 = 718;
 const MADE_UP: &str = "\
 matrix:
   hardware: [x86_64, riscv64]
-  kernel: [stable, preempt-rt, tickless, rescue]
+  labels: {kernel: [stable, preempt-rt, tickless, rescue]}
   virtualization: [fake]
 hosts:
   desk: {connect: local, hardware: x86_64, os: debian-12}

@@ -77,7 +77,7 @@ impl Platform {
              release_lateness: {suspect: 1ms, invalid: never}}\n";
         match (self, there) {
             (Self::Ssh, Some(there)) => there.matrix(MEASURED),
-            (Self::Fake, _) => "matrix:\n  virtualization: [fake]\n  place: [here, there]\n\
+            (Self::Fake, _) => "matrix:\n  virtualization: [fake]\n  labels: {place: [here, there]}\n\
                  workload:\n  windows: 2\n  window: 8s\n  period: 1s\n"
                 .to_owned(),
             (Self::Machine, _) => format!(
