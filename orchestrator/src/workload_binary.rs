@@ -53,7 +53,7 @@ static INSTALLED: AtomicU64 = AtomicU64::new(0);
 /// Starts a process, whichever, by calling `spawn`, at a moment when the binary is not being written.
 ///
 /// A child has its parent's open files from its fork to its exec. If the binary's were among them, the kernel would
-/// refuse to run the binary (ETXTBSY) until that exec, though its writing was done long since.
+/// refuse to run the binary (ETXTBSY) until that exec, though its writing was done long since. Tests start their programs by it too.
 pub fn start<T>(spawn: impl FnOnce() -> T) -> T {
     let _not_writing = WRITING.read().unwrap_or_else(PoisonError::into_inner);
     spawn()

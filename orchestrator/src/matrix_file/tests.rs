@@ -9,6 +9,7 @@ use super::*;
 use crate::{
     plan::{HostFacts, ProviderFacts, Selection, order::Order, plan},
     provider::{Availability, Making, Provider, ProviderError, ProviderKind},
+    workload_binary::start,
 };
 
 /// A provider from outside this crate whose settings have an even number of keys.
@@ -336,8 +337,8 @@ fn the_schema_that_is_committed_is_current(
 fn a_fifo_is_refused_and_not_waited_for() {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("m.yaml");
-    let made = std::process::Command::new("mkfifo").arg(&path).status().unwrap();
-    assert!(made.success());
+    let made = start(|| std::process::Command::new("mkfifo").arg(&path).status());
+    assert!(made.unwrap().success());
     let found = MatrixFile::read(&path, None, Catalogue::default()).unwrap_err();
     assert!(
         found.to_string().contains("a FIFO, and not a regular file"),

@@ -323,6 +323,7 @@ mod tests {
     use clap::FromArgMatches as _;
 
     use super::*;
+    use crate::workload_binary::start;
 
     /// What `matrix drift` says of a history of one run whose `drift.yaml` is made so.
     fn refusal(make: impl FnOnce(&Path)) -> String {
@@ -330,11 +331,9 @@ mod tests {
         let history = folder.path().join("history");
         fs::create_dir(&history).unwrap();
         let recorded = concat!(env!("CARGO_MANIFEST_DIR"), "/../tests/fixtures/recorded");
-        let copied = Command::new("cp")
-            .args(["-r", recorded])
-            .arg(history.join("run"))
-            .status();
-        assert!(copied.unwrap().success());
+        let mut copy = Command::new("cp");
+        copy.args(["-r", recorded]).arg(history.join("run"));
+        assert!(start(|| copy.status()).unwrap().success());
         make(&history.join(KNOWN));
         let command = DriftArguments::augment_args(clap::Command::new("drift"));
         let words = command.get_matches_from(["drift".as_ref(), history.as_os_str()]);
@@ -354,7 +353,8 @@ mod tests {
     #[test]
     fn a_file_of_known_changes_that_came_as_a_fifo_is_not_waited_for() {
         let told = refusal(|known| {
-            assert!(Command::new("mkfifo").arg(known).status().unwrap().success());
+            let made = start(|| Command::new("mkfifo").arg(known).status());
+            assert!(made.unwrap().success());
         });
         assert!(told.contains("a FIFO"), "{told}");
     }

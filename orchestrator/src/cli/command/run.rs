@@ -180,14 +180,15 @@ mod tests {
     use std::process::Command;
 
     use super::*;
+    use crate::workload_binary::start;
 
     #[test]
     fn the_revision_is_the_one_that_git_has_checked_out() {
         let git = |arguments: &[&str]| {
-            let output = Command::new("git")
-                .args(arguments)
-                .current_dir(concat!(env!("CARGO_MANIFEST_DIR"), "/.."))
-                .output();
+            let mut git = Command::new("git");
+            git.args(arguments)
+                .current_dir(concat!(env!("CARGO_MANIFEST_DIR"), "/.."));
+            let output = start(|| git.output());
             let output = output.ok().filter(|output| output.status.success());
             output.map(|output| String::from_utf8(output.stdout).unwrap().trim().to_owned())
         };

@@ -59,6 +59,7 @@ mod tests {
     use std::{ffi::OsString, os::unix::ffi::OsStringExt as _, process::Command};
 
     use super::*;
+    use crate::workload_binary::start;
 
     #[rstest::rstest]
     #[case::nothing("")]
@@ -72,7 +73,7 @@ mod tests {
         let program = Program::new("printf", [r"%s\0%s", word, word]);
         for shell in ["sh", "bash"] {
             let line = of_program(&program).unwrap();
-            let output = Command::new(shell).args(["-c", &line]).output().unwrap();
+            let output = start(|| Command::new(shell).args(["-c", &line]).output()).unwrap();
             assert_eq!(
                 String::from_utf8_lossy(&output.stdout),
                 format!("{word}\0{word}"),
@@ -80,7 +81,7 @@ mod tests {
             );
         }
         let line = of_script(r#"printf "%s\0%s" "$1" "$2""#, &[word, word]);
-        let output = Command::new("sh").args(["-c", &line]).output().unwrap();
+        let output = start(|| Command::new("sh").args(["-c", &line]).output()).unwrap();
         assert_eq!(String::from_utf8_lossy(&output.stdout), format!("{word}\0{word}"));
     }
 

@@ -82,6 +82,7 @@ mod tests {
     use std::process::Command;
 
     use super::*;
+    use crate::workload_binary::start;
 
     #[rstest::rstest]
     #[case(&["-t", "ed25519"], "", false)]
@@ -97,13 +98,9 @@ mod tests {
     ) {
         let folder = tempfile::tempdir().unwrap();
         let file = folder.path().join("key");
-        let made = Command::new("ssh-keygen")
-            .args(["-q", "-N", passphrase, "-f"])
-            .arg(&file)
-            .args(kind)
-            .status()
-            .unwrap();
-        assert!(made.success());
+        let mut keygen = Command::new("ssh-keygen");
+        keygen.args(["-q", "-N", passphrase, "-f"]).arg(&file).args(kind);
+        assert!(start(|| keygen.status()).unwrap().success());
         assert_eq!(is_encrypted(&std::fs::read_to_string(file).unwrap()), is);
     }
 }
