@@ -194,7 +194,7 @@ mod tests {
         let folder = tempfile::tempdir().unwrap();
         let state = StateDirectory::new(folder.path());
         fs::create_dir_all(state.binaries()).unwrap();
-        let mut child = process::Command::new("true").spawn().unwrap();
+        let mut child = start(|| process::Command::new("true").spawn()).unwrap();
         child.wait().unwrap();
         let written_by = |pid| state.binaries().join(format!("{UNFINISHED}{pid}.0"));
         let (killed, live) = (written_by(child.id()), written_by(process::id()));
