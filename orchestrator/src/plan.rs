@@ -6,7 +6,6 @@
 //! plan, on every machine and in every version.
 
 pub mod attainable;
-mod environments;
 pub mod expansion;
 pub mod naming;
 pub mod order;
@@ -25,11 +24,10 @@ use record::{
 use serde_json::Value;
 
 pub use attainable::Attainable;
-pub use environments::EnvironmentDesign;
 use order::Order;
 pub use placement::{HostFacts, Obstacle, ProviderFacts};
 pub use selection::Selection;
-pub use units::{LevelSpread, PowerPoint, WindowDesign, WindowPower};
+pub use units::{Design, DesignPower, LevelSpread, PowerPoint, Unit};
 
 use attainable::{fewest_values, smallest_p};
 use expansion::{Combination, expand};
@@ -49,9 +47,9 @@ pub struct Plan {
     /// The smallest p that its comparisons can reach; none if there is nothing to compare.
     pub attainable: Option<Attainable>,
     /// What it can say with the window as the unit; none without a pair.
-    pub windows: Option<WindowDesign>,
+    pub windows: Option<Design>,
     /// What it can say with the environment as the unit, which then decides; none without a pair, and where each scenario has one.
-    pub environments: Option<EnvironmentDesign>,
+    pub environments: Option<Design>,
     /// The hosts that could not be asked what they can do, and why.
     pub silent: BTreeMap<String, String>,
     /// What environments of scenarios that run may do beyond what every environment of ours may.
@@ -156,7 +154,7 @@ impl<'a> ExpandedMatrix<'a> {
             scenario.not_selected = why;
         }
         let attainable = attainable(file, &combinations, &scenarios);
-        let windows = WindowDesign::of(&scenarios, &file.report);
+        let windows = Design::by_windows(&scenarios, &file.report);
         if let Some(attainable) = attainable {
             check_attainable(file, attainable, &mut found);
         }
@@ -179,7 +177,8 @@ impl<'a> ExpandedMatrix<'a> {
             scenarios,
         };
         let (record, warnings) = found.unless_errors(record)?;
-        let environments = windows.and_then(|windows| EnvironmentDesign::of(&record.scenarios, &windows));
+        let environments =
+            windows.and_then(|windows| windows.by_environments(&record.scenarios, &file.report));
         Ok(Plan {
             record,
             attainable,

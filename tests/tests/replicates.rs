@@ -45,7 +45,12 @@ fn each_round_makes_every_scenario_anew_in_an_order_of_its_own() {
     let plan = workplace.json(&["plan", "m.yaml"]);
     assert_eq!(plan["measuring_s"], 2.0 * 3.0 * 2.0 * 8.0);
     assert_eq!(plan["later_rounds"].as_array().unwrap().len(), 2, "{plan:#}");
-    assert_eq!(plan["environments_as_units"]["smallest_p"], 0.25, "{plan:#}");
+    let design = &plan["environments_as_units"];
+    assert_eq!(
+        (&design["units"], &design["smallest_p"]),
+        (&json!(3), &json!(0.25)),
+        "{plan:#}"
+    );
     assert_eq!(workplace.run(&["run", "m.yaml"]).code, Some(0));
     let journal = journal(&workplace);
     let made: Vec<(u64, Value)> = of(&journal, "environment-creating")
@@ -186,13 +191,10 @@ fn a_run_killed_in_its_second_round_goes_on_there_and_measures_each_window_once(
     assert_eq!(again, 2, "the first round was not begun again");
     let status = workplace.json(&["status", directory]);
     assert_eq!(status["finished"], true, "{status:#}");
-    assert_eq!(
-        workplace.json(&["clean", "--dry-run"])["leftovers"]
-            .as_array()
-            .map(Vec::len)
-            .unwrap_or(0),
-        0
-    );
+    // An image that other runs of this machine left is no leftover of this one.
+    let left = workplace.json(&["clean", "--dry-run"]);
+    let ours = left["leftovers"].as_array().into_iter().flatten();
+    assert_eq!(ours.filter(|it| it["run"].is_string()).count(), 0, "{left:#}");
 }
 
 #[test]
@@ -318,4 +320,47 @@ fn scenarios_are_compared_over_nights_with_the_night_as_a_block() {
             .get("between_scenarios")
             .is_none()
     );
+}
+
+#[test]
+fn a_plan_says_what_environments_would_find_as_a_pilot_has_it() {
+    let workplace = Workplace::new();
+    workplace.write("m.yaml", ROUNDS);
+    assert_eq!(workplace.run(&["run", "m.yaml"]).code, Some(0));
+    let pilot = workplace.run_directory().display().to_string();
+    workplace.write(
+        "more.yaml",
+        ROUNDS
+            .replace("environments: 3", "environments: 6")
+            .replace("0.6", "0.05"),
+    );
+
+    let power = |options: &[&str]| {
+        let plan = workplace.json(&[&["plan", "more.yaml"], options].concat());
+        plan["power"].clone()
+    };
+    let relative = power(&[]);
+    assert_eq!(
+        (&relative["unit"], &relative["spread_m"]),
+        (&json!("environment"), &json!(null))
+    );
+    let point = &power(&["--environment-sd", "2mm"])["curve"][0];
+    let shift_sd = relative["curve"][0]["shift_sd"].as_f64().unwrap();
+    assert_eq!(
+        (&point["units"], &point["shift_m"]),
+        (&json!(6), &json!(0.002 * shift_sd))
+    );
+    let by_pilot = power(&["--pilot", &pilot]);
+    assert_eq!(
+        by_pilot["spread_freedom"], 2,
+        "two scenarios in three rounds: {by_pilot:#}"
+    );
+    assert!(
+        by_pilot["curve"][0]["shift_sd"].as_f64().unwrap() > 1.2 * shift_sd,
+        "{by_pilot:#}"
+    );
+
+    let refused = workplace.run(&["plan", "more.yaml", "--window-sd", "1mm"]);
+    assert_eq!(refused.code, Some(2), "{}", refused.err);
+    assert!(refused.err.contains("give `--environment-sd`"), "{}", refused.err);
 }

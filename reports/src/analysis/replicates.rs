@@ -9,6 +9,7 @@ use statistics::{
     effect::{self, Interval, median},
     multiplicity::holm,
     permutation,
+    power::Spread,
     relabelling::{Effort, PermutationTest},
     replicates::{self, Rounds},
     variance_components::{Components, Costs, Leaf, Nested, NextHour},
@@ -138,6 +139,24 @@ impl Replicates {
     }
 }
 
+/// The spread of environment means within a round, around what their scenario and their round add; none of a run without two
+/// scenarios with environments in two rounds in common. Rounds in which a scenario has no window that counts are left out.
+#[must_use]
+pub fn spread_of_environments(run: &Run, samples: &[Sample]) -> Option<Spread> {
+    let levels = levels(run, samples);
+    let rounds = levels.values().next()?.keys();
+    let is_whole = |round: &&u32| levels.values().all(|of_one| of_one.contains_key(round));
+    let whole: Vec<&u32> = rounds.filter(is_whole).collect();
+    let means = |of_one: &Levels| {
+        whole
+            .iter()
+            .filter_map(|round| effect::level(&of_one[round]))
+            .collect()
+    };
+    let table: Vec<Vec<f64>> = levels.values().map(means).collect();
+    Spread::of_table(&table)
+}
+
 /// Of each scenario, by letter.
 fn levels<'r>(run: &'r Run, samples: &[Sample]) -> BTreeMap<&'r str, Levels> {
     let mut all: BTreeMap<&str, Levels> = BTreeMap::new();
@@ -196,7 +215,7 @@ impl<'a> Tested<'a> {
                 b,
                 rounds: rounds.count(),
                 test: rounds.test(effort),
-                smallest_p: replicates::smallest_p(rounds.count()),
+                smallest_p: replicates::reachable_p(rounds.count(), effort),
                 shift_m: rounds.shift(),
                 interleaved: Some(rounds),
             });
@@ -213,7 +232,7 @@ impl<'a> Tested<'a> {
             b,
             rounds: of_a.len().min(of_b.len()),
             test: permutation::mean_difference(&of_a, &of_b, effort)?,
-            smallest_p: permutation::smallest_p(of_a.len(), of_b.len()),
+            smallest_p: permutation::reachable_p(of_a.len(), of_b.len(), effort),
             shift_m: effect::level(&of_b)? - effect::level(&of_a)?,
             interleaved: None,
         })
@@ -370,7 +389,7 @@ mod tests {
             b,
             rounds: rounds.count(),
             test: rounds.test(Effort::of_a_report(1)),
-            smallest_p: replicates::smallest_p(rounds.count()),
+            smallest_p: replicates::reachable_p(rounds.count(), Effort::of_a_report(1)),
             shift_m: rounds.shift(),
             interleaved: Some(rounds),
         }

@@ -23,6 +23,7 @@ use crate::{
     noise_model::{Noise, Tails},
     permutation,
     relabelling::{Effort, labellings},
+    replicates::{self, Rounds},
     swaps::{self, Swaps},
 };
 
@@ -74,6 +75,10 @@ const EXACT: f64 = 8_192.0;
 /// Made-up pairs whose t is looked for, where there are more: by their sums together, and by their number.
 const SUMS_FOR_T: f64 = 16_777_216.0;
 const MOST_FOR_T: f64 = 400.0;
+/// Rounds up to which each made-up experiment is tested exactly.
+const EXACT_ROUNDS: usize = 12;
+/// Made-up experiments whose t is looked for, where there are more.
+const ROUNDS_FOR_T: u64 = 100;
 /// In standard deviations of levels.
 const PRECISION: f64 = 1e-3;
 const SEED: u64 = 16;
@@ -87,15 +92,54 @@ impl Power {
             return None;
         }
         let test = Test::of(comparison, levels.tails)?;
+        Some(Self::made_up(repeats, levels, |noise| {
+            let a = group(n, levels.tails, noise);
+            let b = group(m, levels.tails, noise);
+            test.critical_shift(&a, &b)
+        }))
+    }
+
+    /// The power of [`Rounds::test`] for so many rounds, in standard deviations of environment means within a round; none where
+    /// rounds are too few for the level.
+    #[must_use]
+    pub fn of_rounds(rounds: usize, alpha: f64, levels: Levels, repeats: usize) -> Option<Self> {
+        let effort = Effort::of_a_report(SEED);
+        if replicates::reachable_p(rounds, effort) >= alpha {
+            return None;
+        }
+        let made_up = |noise: &mut Noise| {
+            let [a, b] = [(); 2].map(|()| group(rounds, levels.tails, noise));
+            std::iter::zip(a, b).map(|(a, b)| b - a).collect::<Vec<f64>>()
+        };
+        let critical = |differences: &[f64]| {
+            let rounds = Rounds::of(differences.iter().map(|it| (Some(0.0), Some(*it))))?;
+            rounds.critical_shift(alpha, effort)
+        };
+        if rounds <= EXACT_ROUNDS {
+            return Some(Self::made_up(repeats, levels, |noise| critical(&made_up(noise))));
+        }
+        // As for windows: t where the test itself begins to reject some, and not Student's quantile.
+        let t = |experiment: u64| {
+            let differences = made_up(&mut Noise::new(SEED + experiment));
+            Some((effect::level(&differences)? + critical(&differences)?) / error_of_mean(&differences)?)
+        };
+        let found: Vec<f64> = (0..ROUNDS_FOR_T).into_par_iter().filter_map(t).collect();
+        let t = effect::level(&found)?;
+        Some(Self::made_up(repeats, levels, |noise| {
+            let differences = made_up(noise);
+            Some(t * error_of_mean(&differences)? - effect::level(&differences)?)
+        }))
+    }
+
+    /// Of so many made-up experiments, each with the shift that it finds.
+    fn made_up(repeats: usize, levels: Levels, found: impl Fn(&mut Noise) -> Option<f64> + Sync) -> Self {
         let chunks = repeats.div_ceil(AT_ONCE) as u64;
         let mut critical: Vec<f64> = (0..chunks)
             .into_par_iter()
             .flat_map_iter(|chunk| {
-                let mut noise = Noise::new(SEED + chunk);
+                let (found, mut noise) = (&found, Noise::new(SEED + chunk));
                 (0..AT_ONCE).map(move |_| {
-                    let a = group(n, levels.tails, &mut noise);
-                    let b = group(m, levels.tails, &mut noise);
-                    let shift = test.critical_shift(&a, &b).unwrap_or(f64::INFINITY);
+                    let shift = found(&mut noise).unwrap_or(f64::INFINITY);
                     match levels.freedom {
                         Some(freedom) => shift * (freedom as f64 / noise.chi_squared(freedom)).sqrt(),
                         None => shift,
@@ -104,7 +148,7 @@ impl Power {
             })
             .collect();
         critical.sort_by(f64::total_cmp);
-        Some(Self { critical })
+        Self { critical }
     }
 
     /// The probability that a shift of so many standard deviations of levels is found.
@@ -177,6 +221,11 @@ fn standard_error(a: &[f64], b: &[f64]) -> Option<f64> {
     Some(pooled_spread([a, b])? * (1.0 / a.len() as f64 + 1.0 / b.len() as f64).sqrt())
 }
 
+/// Of the mean, by the spread of the values.
+fn error_of_mean(values: &[f64]) -> Option<f64> {
+    Some(Spread::pooled([values])?.deviation / (values.len() as f64).sqrt())
+}
+
 /// The shift that is found with probability [`POWER`] at the level α, in the unit of `spread`, the known standard deviation of
 /// normal levels; none where windows are too few to reach α. It is right to 3 percentage points of power.
 #[must_use]
@@ -226,6 +275,29 @@ impl Spread {
         }
         (freedom > 0).then(|| Self {
             deviation: (squares / freedom as f64).sqrt(),
+            freedom,
+        })
+    }
+
+    /// That of the values of a table around what their row and their column add: with rows for scenarios and columns for rounds,
+    /// that of environment means within a round. None with fewer than two rows or columns, or rows of unequal length.
+    #[must_use]
+    pub fn of_table(rows: &[Vec<f64>]) -> Option<Self> {
+        let columns = rows.first()?.len();
+        let freedom = rows.len().checked_sub(1)? * columns.checked_sub(1)?;
+        if freedom == 0 || rows.iter().any(|row| row.len() != columns) {
+            return None;
+        }
+        let of_column = |at: usize| rows.iter().map(|row| row[at]).sum::<f64>() / rows.len() as f64;
+        let of_columns: Vec<f64> = (0..columns).map(of_column).collect();
+        let overall = effect::level(&of_columns)?;
+        let squares = rows.iter().flat_map(|row| {
+            let of_row = effect::level(row).unwrap_or_default();
+            let both = std::iter::zip(row, &of_columns);
+            both.map(move |(value, of_column)| (value - of_row - of_column + overall).powi(2))
+        });
+        Some(Self {
+            deviation: (squares.sum::<f64>() / freedom as f64).sqrt(),
             freedom,
         })
     }
@@ -387,6 +459,54 @@ mod tests {
         assert_eq!(detectable_shift(4, 4, 1e-9, 0.001), None);
         assert_eq!(fewest_windows(0.001), Some(7));
         assert_eq!(fewest_windows(0.0), None);
+    }
+
+    #[test]
+    fn the_spread_of_a_table_is_what_rows_and_columns_leave() {
+        let additive = [vec![1.0, 2.0, 5.0], vec![11.0, 12.0, 15.0]];
+        let none = Spread::of_table(&additive).unwrap();
+        assert!(none.deviation < 1e-12 && none.freedom == 2);
+        let [mut first, second] = additive;
+        first[0] += 2.0;
+        first[1] -= 2.0;
+        let spread = Spread::of_table(&[first.clone(), second]).unwrap();
+        // The interaction is ±1 in the first two columns: four squares of 1.
+        assert!((spread.deviation - 2.0_f64.sqrt()).abs() < 1e-12, "{spread:?}");
+        assert_eq!(Spread::of_table(&[first.clone()]), None);
+        assert_eq!(Spread::of_table(&[first, vec![1.0]]), None);
+        assert_eq!(Spread::of_table(&[]), None);
+    }
+
+    #[rstest]
+    #[case(9, 0.05, Tails::Normal)]
+    #[case(11, 0.001, Tails::Heavy)]
+    #[case(14, 0.05, Tails::Normal)]
+    #[case(18, 0.001 / 21.0, Tails::Normal)]
+    fn the_power_of_rounds_is_that_of_their_test(
+        #[case] rounds: usize,
+        #[case] alpha: f64,
+        #[case] tails: Tails,
+    ) {
+        let levels = Levels {
+            tails,
+            ..Levels::NORMAL
+        };
+        let shift = Power::of_rounds(rounds, alpha, levels, 4_000)
+            .unwrap()
+            .shift(POWER);
+        let (mut noise, effort, repeats) = (Noise::new(99), Effort::of_a_report(SEED), 2_000);
+        let found = (0..repeats).filter(|_| {
+            let both = (0..rounds).map(|_| (Some(noise.of(tails)), Some(noise.of(tails) + shift)));
+            Rounds::of(both.collect::<Vec<_>>()).unwrap().test(effort).p < alpha
+        });
+        let found = found.count() as f64 / f64::from(repeats);
+        // Three standard errors of both simulations.
+        assert!((found - POWER).abs() < 0.033, "{found}");
+    }
+
+    #[test]
+    fn five_rounds_find_nothing_at_a_twentieth() {
+        assert_eq!(Power::of_rounds(5, 0.05, Levels::NORMAL, 100), None);
     }
 
     #[test]

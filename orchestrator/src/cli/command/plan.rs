@@ -6,7 +6,7 @@ use std::{collections::BTreeMap, fmt::Write, path::PathBuf, time::Duration};
 
 use clap::Args;
 use record::{exit::matrix::Exit, quantity::Length, run_directory::PlannedScenario, settings::Settings};
-use reports::analysis::sample;
+use reports::analysis::{replicates, sample};
 use schemars::JsonSchema;
 use serde::Serialize;
 use serde_json::{Map, Value};
@@ -23,7 +23,7 @@ use crate::{
     },
     disk_space,
     matrix_file::{DiagnosticRecord, Diagnostics},
-    plan::{Attainable, EnvironmentDesign, LevelSpread, Plan, PowerPoint, WindowDesign, WindowPower},
+    plan::{Attainable, Design, DesignPower, LevelSpread, Plan, PowerPoint, Unit},
     preparation,
     provider::{AskedRight, Catalogue},
 };
@@ -35,12 +35,15 @@ pub struct PlanArguments {
     file: PathBuf,
     #[command(flatten)]
     selection: SelectionArguments,
-    /// A run to learn from how much the levels of windows spread; the plan then says what it would find.
-    #[arg(long, value_name = "RUN", conflicts_with = "window_sd", add = completion::runs())]
+    /// A run to learn from how much the levels of windows or the means of environments spread; the plan then says what it would find.
+    #[arg(long, value_name = "RUN", conflicts_with_all = ["window_sd", "environment_sd"], add = completion::runs())]
     pilot: Option<PathBuf>,
     /// The standard deviation that window levels are assumed to have, such as 1mm.
     #[arg(long, value_name = "LENGTH", alias = "spread")]
     window_sd: Option<Length>,
+    /// The standard deviation that environment means within a round are assumed to have, where scenarios have several environments.
+    #[arg(long, value_name = "LENGTH", conflicts_with = "window_sd")]
+    environment_sd: Option<Length>,
     /// Simulate what a pair of windows would detect: more delay, more loss, late ticks. Takes a minute or more for each
     /// distinct experiment.
     #[arg(long)]
@@ -57,17 +60,9 @@ pub async fn execute(arguments: &PlanArguments, catalogue: Catalogue) -> Result<
     let request = arguments.selection.request(&arguments.file);
     let mut planned = preparation::prepare(&request, catalogue).await?;
     show_warnings(&planned.plan, arguments.output);
-    let Plan {
-        windows,
-        environments,
-        ..
-    } = &planned.plan;
-    // Where scenarios have several environments, what windows could reach decides nothing.
-    let warning = match (environments, windows) {
-        (Some(design), _) => design.warning(&planned.file),
-        (None, Some(design)) => design.warning(&planned.file),
-        (None, None) => None,
-    };
+    // Where scenarios have several environments, the verdicts are by these, and what windows would show decides nothing.
+    let design = planned.plan.environments.or(planned.plan.windows);
+    let warning = design.and_then(|design| design.warning(&planned.file));
     if let Some(warning) = warning {
         let mut found = Diagnostics::default();
         found.push(warning.clone());
@@ -76,12 +71,10 @@ pub async fn execute(arguments: &PlanArguments, catalogue: Catalogue) -> Result<
         }
         planned.plan.warnings.push(warning);
     }
-    let spread = spread_of_levels(arguments)?;
-    // Where scenarios have several environments the verdicts are not by windows, and what windows would find says nothing.
-    let by_windows = planned.plan.windows.as_ref();
-    let power = by_windows
-        .filter(|_| planned.plan.environments.is_none())
-        .map(|design| (design, design.power(spread)));
+    let power = match design {
+        Some(design) => Some((design, design.power(spread_of_levels(arguments, design.unit)?))),
+        None => None,
+    };
     let scenarios = planned.plan.record.scenarios.iter();
     let sensitivity = arguments
         .sensitivity
@@ -91,7 +84,7 @@ pub async fn execute(arguments: &PlanArguments, catalogue: Catalogue) -> Result<
         document.sensitivity = sensitivity.as_deref().map(sensitivity::records);
         if let Some((design, power)) = &power {
             document.detectable_shift_m = power.spread_m.map(|_| {
-                let planned = power.at(design.windows);
+                let planned = power.at(design.units);
                 planned.and_then(|point| point.shift_m)
             });
             document.spread_m = power.spread_m;
@@ -133,9 +126,9 @@ pub struct PlanDocument<'a> {
     /// The smallest p that the comparisons can reach; null if there is nothing to compare.
     smallest_attainable_p: Option<Attainable>,
     /// What the plan can show with the window as the unit; null without a pair.
-    windows_as_units: Option<WindowDesign>,
+    windows_as_units: Option<Design>,
     /// What the plan can show with the environment as the unit; null without a pair, or if each scenario has one environment.
-    environments_as_units: Option<EnvironmentDesign>,
+    environments_as_units: Option<Design>,
     /// About how many bytes the windows leave in the run directory, before compression.
     data_bytes: u64,
     /// What containers may do beyond what every container of `matrix` may.
@@ -145,14 +138,15 @@ pub struct PlanDocument<'a> {
     /// What a pair of windows would detect; only with `--sensitivity`.
     #[serde(skip_serializing_if = "Option::is_none")]
     sensitivity: Option<Vec<SensitivityRecord<'a>>>,
-    /// The shift of window levels that would be found, by the number of windows; only of `matrix plan`, with a pair, and if each
-    /// scenario has one environment.
+    /// The shift of levels that would be found, by the number of windows, or of environments if scenarios have several; only of
+    /// `matrix plan` with a pair.
     #[serde(skip_serializing_if = "Option::is_none")]
-    power: Option<WindowPower>,
-    /// The shift that would be found with 80 % power, in metres, null if none would; only with `--pilot` or `--window-sd`.
+    power: Option<DesignPower>,
+    /// The shift that would be found with 80 % power, in metres, null if none would; only with `--pilot`, `--window-sd` or
+    /// `--environment-sd`.
     #[serde(skip_serializing_if = "Option::is_none")]
     detectable_shift_m: Option<Option<f64>>,
-    /// The standard deviation of window levels for it, in metres; only with `--pilot` or `--window-sd`.
+    /// The standard deviation for it, as `power` has it; only with one of these options.
     #[serde(skip_serializing_if = "Option::is_none")]
     spread_m: Option<f64>,
 }
@@ -254,89 +248,95 @@ pub fn as_text(plan: &Plan) -> String {
             worst.p, worst.n, worst.m, attainable.alpha
         );
     }
-    if let Some(design) = &plan.environments {
+    for design in [&plan.environments, &plan.windows].into_iter().flatten() {
         text.push_str(&design.as_text());
-    }
-    if let Some(design) = &plan.windows {
-        let can = if design.can_reject() { "below" } else { "NOT below" };
-        let _ = write!(
-            text,
-            "windows as units: smallest p {:.2e} at {w} : {w}, {:.2e} by Holm in a family of {}, {can} alpha = {}",
-            design.smallest_p,
-            design.smallest_p_holm,
-            design.pairs,
-            design.alpha,
-            w = design.windows
-        );
-        match design.windows_needed {
-            Some(windows) if !design.can_reject() => {
-                let _ = writeln!(text, "; {windows} windows can reach it");
-            }
-            _ => text.push('\n'),
-        }
     }
     text
 }
 
-/// The spread of window levels: assumed, or as the pilot run has it.
-fn spread_of_levels(arguments: &PlanArguments) -> Result<Option<LevelSpread>, CommandError> {
+/// The spread of window levels or of environment means: assumed, or as the pilot run has it.
+fn spread_of_levels(arguments: &PlanArguments, unit: Unit) -> Result<Option<LevelSpread>, CommandError> {
+    let wrong = |what: String, hint: &str| CommandError {
+        what: what.into(),
+        hint: Some(hint.to_owned()),
+        exit: Exit::Wrong,
+    };
+    let (assumed, other) = match unit {
+        Unit::Window => (arguments.window_sd, arguments.environment_sd),
+        Unit::Environment => (arguments.environment_sd, arguments.window_sd),
+    };
+    if other.is_some() {
+        let what = format!("this plan compares {}, whose spread that is not", unit.plural());
+        let hint = match unit {
+            Unit::Window => "give `--window-sd`: each scenario has one environment",
+            Unit::Environment => "give `--environment-sd`: scenarios have several environments",
+        };
+        return Err(wrong(what, hint));
+    }
     let Some(pilot) = &arguments.pilot else {
-        return Ok(arguments.window_sd.map(|assumed| LevelSpread {
+        return Ok(assumed.map(|assumed| LevelSpread {
             deviation_m: assumed.metres(),
             freedom: None,
         }));
     };
     let run = reports::load(pilot).map_err(|error| unreadable(&error))?;
     let samples = sample::samples(&run, &run.manifest.report);
-    let found = sample::spread_of_levels(&samples).ok_or_else(|| CommandError {
-        what: format!("no scenario of {} has two windows that count", pilot.display()).into(),
-        hint: Some("give a run with two windows or more a scenario, or `--window-sd 1mm`".to_owned()),
-        exit: Exit::Wrong,
-    })?;
+    let pilot = pilot.display();
+    let found = match unit {
+        Unit::Window => sample::spread_of_levels(&samples).ok_or_else(|| {
+            wrong(
+                format!("no scenario of {pilot} has two windows that count"),
+                "give a run with two windows or more a scenario, or `--window-sd 1mm`",
+            )
+        })?,
+        Unit::Environment => replicates::spread_of_environments(&run, &samples).ok_or_else(|| {
+            wrong(
+                format!("{pilot} has no two scenarios with environments in two rounds that count"),
+                "give a run with `environments: 2` or more, or `--environment-sd 1mm`",
+            )
+        })?,
+    };
     Ok(Some(LevelSpread {
         deviation_m: found.deviation,
         freedom: Some(found.freedom),
     }))
 }
 
-/// Two lines: what the plan finds, and what more windows would.
-fn what_would_be_found(design: &WindowDesign, power: &WindowPower) -> String {
+/// Two lines: what the plan finds, and what more units would.
+fn what_would_be_found(design: &Design, power: &DesignPower) -> String {
     let shift = |point: &PowerPoint| match point.shift_m {
         Some(shift_m) => format!("{:.3} mm", shift_m * 1e3),
         None => format!("{:.2} sd", point.shift_sd),
     };
     let mut text = format!("found with {:.0} % power: ", power.power * 100.0);
-    let planned = power.at(design.windows);
-    let _ = match planned {
+    let planned = design.unit.against(design.units);
+    let _ = match power.at(design.units) {
         Some(point) => write!(
             text,
-            "a shift of {} at {w} : {w} ({:.0} % with heavy tails)",
+            "a shift of {} at {planned} ({:.0} % with heavy tails)",
             shift(point),
             point.power_heavy_tails * 100.0,
-            w = point.windows
         ),
-        None => write!(text, "no shift at {w} : {w}, however large", w = design.windows),
+        None => write!(text, "no shift at {planned}, however large"),
     };
-    let more = power
-        .curve
-        .iter()
-        .filter(|point| point.windows > design.windows as usize);
+    let more = power.curve.iter().filter(|point| point.units > design.units);
     let more: Vec<String> = more
-        .map(|point| format!("{} at {}", shift(point), point.windows))
+        .map(|point| format!("{} at {}", shift(point), point.units))
         .collect();
     if !more.is_empty() {
         let _ = write!(text, "; {}", more.join(", "));
     }
+    let levels = design.unit.levels();
     let _ = match (power.spread_m, power.spread_freedom) {
         (Some(spread_m), Some(freedom)) => writeln!(
             text,
-            "\n  if window levels spread by {:.3} mm, as the pilot estimates with {freedom} degrees of freedom",
+            "\n  if {levels} spread by {:.3} mm, as the pilot estimates with {freedom} degrees of freedom",
             spread_m * 1e3
         ),
-        (Some(spread_m), None) => writeln!(text, "\n  if window levels spread by {:.3} mm", spread_m * 1e3),
+        (Some(spread_m), None) => writeln!(text, "\n  if {levels} spread by {:.3} mm", spread_m * 1e3),
         (None, _) => writeln!(
             text,
-            "\n  in standard deviations of window levels; `--pilot RUN` gives millimetres"
+            "\n  in standard deviations of {levels}; `--pilot RUN` gives millimetres"
         ),
     };
     text
