@@ -41,6 +41,12 @@ impl StateDirectory {
         self.0.join("bin")
     }
 
+    /// Where images of containers are noted whose workload was looked at.
+    #[must_use]
+    pub fn images(&self) -> PathBuf {
+        self.0.join("images")
+    }
+
     /// Where runs with hosts elsewhere are written down.
     #[must_use]
     pub fn runs(&self) -> PathBuf {

@@ -16,6 +16,7 @@ mod environment;
 mod folders;
 mod follow;
 mod image;
+mod known_images;
 mod labels;
 mod seccomp;
 mod settings;
@@ -44,12 +45,16 @@ use self::{
     environment::{DockerEnvironment, Remains, is_being_removed},
     follow::{Follower, until_removed},
     image::Image,
+    known_images::KnownImages,
     labels::Labels,
 };
 use super::{
     Availability, Environment, EnvironmentRequest, Leftover, Provider, ProviderError, capability_probe,
 };
-use crate::host::{Host, Program};
+use crate::{
+    host::{Host, Program},
+    state_directory::StateDirectory,
+};
 
 pub use settings::DockerSettings;
 
@@ -301,9 +306,10 @@ impl Provider for Docker {
             until_removed(engine, name).await?;
             return self.find_volume(engine, request).await;
         }
+        let id = found.image.unwrap_or_default();
         let image = Image {
-            name: config.image.unwrap_or_default(),
-            id: found.image.unwrap_or_default(),
+            name: image::name_of(engine, &id).await?,
+            id,
             base: None,
             workload_sha256: labels.workload(),
         };
@@ -431,8 +437,14 @@ impl Provider for Docker {
 /// Whether the workload in a container, not started yet, is the one that was built into its image: a name and a label are what
 /// anybody can give an image of his (`docker load`, `docker tag`).
 async fn check_workload(engine: &Engine, container: &str, image: &Image) -> Result<(), ProviderError> {
+    let known = KnownImages::of(&StateDirectory::of_this_user());
+    let expected = image.workload_sha256.as_deref().unwrap_or_default();
+    if known.has(&image.id, expected) {
+        return Ok(());
+    }
     let found = archive::sha256(engine, container, container::WORKLOAD).await?;
-    if found.is_some() && found == image.workload_sha256 {
+    if found.is_some_and(|found| found == expected) {
+        known.keep(&image.id, expected);
         return Ok(());
     }
     Err(ProviderError::Unsupported {

@@ -52,7 +52,8 @@ pub fn workload(
         }),
         entrypoint: Some(entrypoint(settings, WORKLOAD.to_owned())),
         cmd: Some(arguments),
-        ..bare(&Labels::of_environment(request), &image.name)
+        // By its digest: what its name means may change at any moment.
+        ..bare(&Labels::of_environment(request), &image.id)
     }
 }
 

@@ -85,6 +85,20 @@ pub async fn base_id(engine: &Engine, base: &str) -> Result<String, ProviderErro
         })
 }
 
+/// The name of the image with that digest; the digest where it has lost its name.
+///
+/// # Errors
+/// When the engine cannot be asked.
+pub async fn name_of(engine: &Engine, id: &str) -> Result<String, ProviderError> {
+    let found = if_there(
+        "looking for the container's image",
+        engine.api.inspect_image(id).await,
+    )?;
+    let names = found.and_then(|image| image.repo_tags).unwrap_or_default();
+    let own = names.iter().find(|name| is_our_name(std::slice::from_ref(name)));
+    Ok(own.cloned().unwrap_or_else(|| id.to_owned()))
+}
+
 /// Its tag says which workload and which base, so that a change of either makes another image.
 fn name(workload: &Workload, base_id: Option<&str>) -> String {
     let short = |hash: &str| hash.chars().take(12).collect::<String>();
