@@ -57,7 +57,11 @@ fn a_night_shift_is_told_once_what_changed_and_never_that_nothing_did_when_nothi
         "a seed and a shift: {ran:?}"
     );
     let junit = fs::read_to_string(workplace.path().join("drift.xml")).unwrap();
-    assert!(junit.contains("failures=\"1\""), "{junit}");
+    // Not how many: the time that provisioning takes is the machine's, in whole milliseconds, and may jump, too.
+    assert!(
+        junit.contains(r#"name="error"><failure message="drift">jumped from"#),
+        "{junit}"
+    );
     let said = workplace.json(&["drift", "runs"]);
     assert_eq!(said["verdict"], "drift", "{said:#}");
     assert_described(&workplace, "drift-result", &said);

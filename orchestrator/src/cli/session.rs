@@ -9,7 +9,7 @@ use record::{
     exit::matrix::Exit,
     run_directory::{Manifest, Outcome, PlanRecord, RunDirectory, RunState},
 };
-use tokio::signal::unix::{SignalKind, signal};
+use tokio::signal::unix::{Signal, SignalKind, signal};
 
 use super::{
     plain_log::PlainLog,
@@ -62,7 +62,15 @@ pub async fn carry_out(
     options: RunOptions,
 ) -> Result<Exit, CommandError> {
     let (switch, stop) = stop::stop_switch();
-    tokio::spawn(listen(switch, directory.path().to_owned()));
+    // From here on a signal is heard: in a task of its own it would be some time after the journal's first lines.
+    if let (Ok(interrupt), Ok(terminate)) = (signal(SignalKind::interrupt()), signal(SignalKind::terminate()))
+    {
+        tokio::spawn(listen(
+            [interrupt, terminate],
+            switch,
+            directory.path().to_owned(),
+        ));
+    }
     let options = Options {
         resumed: options.resumed,
         keep: options.keep,
@@ -106,12 +114,7 @@ fn observers(plan: &PlanRecord, show: ProgressDisplay) -> Vec<Box<dyn Observer>>
 }
 
 /// The first Ctrl-C or SIGTERM asks to stop in order; the second leaves at once, with everything as it is.
-async fn listen(switch: StopSwitch, directory: PathBuf) {
-    let (Ok(mut interrupt), Ok(mut terminate)) =
-        (signal(SignalKind::interrupt()), signal(SignalKind::terminate()))
-    else {
-        return;
-    };
+async fn listen([mut interrupt, mut terminate]: [Signal; 2], switch: StopSwitch, directory: PathBuf) {
     for first in [true, false] {
         tokio::select! {
             _ = interrupt.recv() => {}
