@@ -100,7 +100,7 @@ pub struct PermutationTest {
 
 /// Statistics that differ by less than this share of the largest are equal: sums in another order differ by rounding,
 /// and a tie that rounding breaks would make p too small. Counting as ties can only make it larger.
-const TIE: f64 = 1e-9;
+pub(crate) const TIE: f64 = 1e-9;
 
 impl Relabellings {
     /// Deals labels 0, 1, … to `sizes[0]`, `sizes[1]`, … things, and takes the statistic under each labelling. The

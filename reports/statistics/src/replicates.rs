@@ -14,7 +14,7 @@ use oorandom::Rand64;
 
 use crate::{
     effect::Interval,
-    relabelling::{Coverage, Effort, PermutationTest, Relabellings},
+    relabelling::{Coverage, Effort, PermutationTest, Relabellings, TIE},
 };
 
 /// The differences of two things in the rounds that have both, from the first to the second.
@@ -125,9 +125,6 @@ impl Rounds {
     }
 }
 
-/// Sums that differ by less than this share of the largest are equal.
-const TIE: f64 = 1e-9;
-
 /// All flips of so many rounds.
 fn flips(rounds: usize) -> f64 {
     2.0_f64.powi(i32::try_from(rounds).unwrap_or(i32::MAX))
@@ -200,13 +197,12 @@ impl<'a> SubsetMeans<'a> {
     }
 
     /// The one at a place in ascending order, from 1; none where there is none.
-    fn smallest(&self, place: f64) -> Option<f64> {
+    fn smallest(self, place: f64) -> Option<f64> {
         if place < 1.0 || place > self.parts() - 1.0 {
             return None;
         }
         match self {
-            Self::Listed(means) => {
-                let mut means = means.clone();
+            Self::Listed(mut means) => {
                 let (_, mean, _) = means.select_nth_unstable_by(place as usize - 1, f64::total_cmp);
                 Some(*mean)
             }

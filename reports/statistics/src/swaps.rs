@@ -12,10 +12,7 @@
 //! Tritchler, *On obtaining permutation distributions in polynomial time*, 1983, who count on a grid). At 10 : 10 these are
 //! 2 048 sums and 184 756 labellings, at 16 : 16 131 072 and 6·10⁸.
 
-use crate::relabelling::labellings;
-
-/// Differences of means that differ by less than this share of the largest are equal, as in `relabelling`.
-const TIE: f64 = 1e-9;
+use crate::relabelling::{TIE, labellings};
 
 /// Two groups, and the sums of their parts.
 #[derive(Debug, Clone)]

@@ -1,5 +1,5 @@
 //! Images whose workload was looked at: an image's ID is the digest of all that is in it, so that one look at each is enough. To read
-//! the workload out of a container takes longer than half of the container's start. The main type is [`KnownImages`].
+//! the workload out of a container takes half as long as the container's start. The main type is [`KnownImages`].
 
 use std::{fs, io, path::PathBuf};
 
