@@ -79,7 +79,7 @@ for row in counts.iter_rows(named=True):
 # The counts share their windows: these p-values do not.
 
 # %%
-print(contrasts.select("a", "b", "p", "p_holm", pl.col("shift_m") * 1e3, "verdict").rename({"shift_m": "shift (mm)"}))
+print(contrasts.select("a", "b", "p", "p_holm", pl.col("shift") * 1e3, "verdict").rename({"shift": "shift (mm)"}))
 
 # %% [markdown]
 # ## One figure again: the pair of windows that are furthest apart
@@ -92,7 +92,7 @@ pair = comparisons.sort("d", descending=True).row(0, named=True)
 
 def errors_m(scenario, window):
     own = samples.filter((pl.col("scenario") == scenario) & (pl.col("window") == window))
-    return own["error_m"].sort().to_list()
+    return own["value"].sort().to_list()
 
 
 x, y = errors_m(pair["a"], pair["a_window"]), errors_m(pair["b"], pair["b_window"])
@@ -120,7 +120,7 @@ import matplotlib.pyplot as plt
 figure, axes = plt.subplots(figsize=(6, 4))
 for values, name, line in zip([x, y], names, ["-", "--"]):
     axes.ecdf(values, label=name, linestyle=line)
-place = pair["at_m"]
+place = pair["at"]
 axes.vlines(place, share(x, place), share(y, place), colors="black", label=f"D = {d:.3f}")
 axes.set(xlabel=f"error of a period, {report['metric']} (m)", ylabel="share of periods with at most this error")
 axes.legend()

@@ -133,6 +133,7 @@ fn request() -> EnvironmentRequest {
         host: "there".to_owned(),
         settings: Settings::default(),
         windows: vec![1],
+        files: None,
     }
 }
 

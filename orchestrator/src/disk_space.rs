@@ -2,23 +2,27 @@
 
 use std::io;
 
-use record::{limits, settings::Settings};
+use record::{experiment::CommandExperiment, limits, settings::Settings};
 
 /// What a control step leaves on the disk of its host: a line of the log (297 bytes measured) and the packets of a state
 /// and a command on three virtual hosts (1 245 bytes), with a little more for retransmissions. In the run directory
 /// captures are compressed, but are there as they came while they are.
 const BYTES_PER_STEP: u64 = 1_700;
+/// What a command leaves: what it printed, of which a megabyte is kept of either stream, and what it measured, which only it knows.
+const BYTES_PER_CALL: u64 = 4 << 20;
 /// Records, and what the file system takes for itself.
 const BYTES_PER_WINDOW: u64 = 256 << 10;
 
 /// About how many bytes so many windows take on a disk.
 #[must_use]
 pub fn windows_take(settings: &Settings, windows: usize) -> u64 {
-    let window = settings
-        .steps_per_window()
-        .saturating_mul(BYTES_PER_STEP)
-        .saturating_add(BYTES_PER_WINDOW);
-    window.saturating_mul(windows as u64)
+    let window = match settings.experiment {
+        Some(_) => BYTES_PER_CALL,
+        None => settings.steps_per_window().saturating_mul(BYTES_PER_STEP),
+    };
+    window
+        .saturating_add(BYTES_PER_WINDOW)
+        .saturating_mul(windows as u64)
 }
 
 /// More than so many windows ever leave in a data folder, whatever is sent again and however much is said of it.
@@ -26,9 +30,14 @@ pub fn windows_take(settings: &Settings, windows: usize) -> u64 {
 pub fn windows_take_at_most(settings: &Settings, windows: usize) -> u64 {
     const TIMES: u64 = 20;
     const BESIDE_WINDOWS: u64 = 1 << 30;
+    let measured = settings.experiment.as_ref().map_or(0, |experiment| {
+        let files = experiment.measured_files().len().saturating_mul(windows) as u64;
+        files.saturating_mul(CommandExperiment::LONGEST_FILE)
+    });
     windows_take(settings, windows)
         .saturating_mul(TIMES)
         .saturating_add(BESIDE_WINDOWS)
+        .saturating_add(measured)
 }
 
 /// What to do about a run directory that could not be read or written.

@@ -108,6 +108,7 @@ fn allowance() -> Allowance {
         host: "here".to_owned(),
         settings: Settings::default(),
         windows: vec![1, 2],
+        files: None,
     })
 }
 

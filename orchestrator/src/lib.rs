@@ -17,6 +17,7 @@ pub mod disk_space;
 mod entry;
 pub mod escaping;
 pub mod examination;
+pub mod experiment_files;
 pub mod failure;
 #[doc(hidden)]
 pub mod fuzzing;

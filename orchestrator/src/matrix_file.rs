@@ -6,6 +6,7 @@
 
 mod axes;
 pub mod diagnostic;
+mod experiment;
 mod hosts;
 mod places;
 mod renamed;
@@ -28,6 +29,7 @@ use std::{
 };
 
 use record::{
+    experiment::CommandExperiment,
     report_settings::ReportSettings,
     run_directory::Place,
     settings::{Dynamics, Settings, SettingsProblem},
@@ -57,13 +59,14 @@ const WORKLOAD: &str = "workload";
 const REPORT: &str = "report";
 const PROVIDERS: &str = "providers";
 const PROFILES: &str = "profiles";
+const EXPERIMENT: &str = CommandExperiment::SECTION;
 
 /// The sections of a matrix file.
-const SECTIONS: [&str; 6] = [MATRIX, HOSTS, WORKLOAD, REPORT, PROVIDERS, PROFILES];
+const SECTIONS: [&str; 7] = [MATRIX, HOSTS, EXPERIMENT, WORKLOAD, REPORT, PROVIDERS, PROFILES];
 /// Most profiles in one file.
 const MOST_PROFILES: usize = 100;
 /// The sections that a profile can override.
-const IN_PROFILES: [&str; 4] = [MATRIX, WORKLOAD, REPORT, PROVIDERS];
+const IN_PROFILES: [&str; 5] = [MATRIX, EXPERIMENT, WORKLOAD, REPORT, PROVIDERS];
 
 /// A matrix file that makes sense, with one of its profiles applied or none.
 #[derive(Debug, Clone, PartialEq)]
@@ -211,6 +214,7 @@ impl MatrixFile {
         };
         // For its mistakes; what it comes to also depends on its `dynamics`.
         or_default(typing::read::<Settings>(source, section(WORKLOAD)), found);
+        experiment::read(source, &tree, &matrix, found);
         let report = or_default(typing::read::<ReportSettings>(source, section(REPORT)), found);
         let providers = read_providers(source, section(PROVIDERS), catalogue, found);
         let mut file = Self {
@@ -310,8 +314,11 @@ impl MatrixFile {
         if let Some(entry) = written {
             tree.overlay(&entry.value);
         }
+        if let Some(entry) = self.tree.entry(EXPERIMENT).filter(|entry| !entry.value.is_null()) {
+            tree.insert(EXPERIMENT, entry.key.span, entry.value.clone());
+        }
         for (path, value) in sweeps {
-            tree.insert(path, value.node.span, value.node.clone());
+            tree.insert(&sweep::path_of(path), value.node.span, value.node.clone());
         }
         let settings = typing::read(&self.source, &tree)?;
         Ok(SweptSettings { settings, tree })

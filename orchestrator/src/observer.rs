@@ -3,10 +3,7 @@
 
 use std::sync::{Mutex, MutexGuard, PoisonError};
 
-use record::{
-    progress::Progress,
-    run_directory::{Event, JournalEntry, RunState, ScenarioState},
-};
+use record::run_directory::{Event, JournalEntry, RunState, ScenarioState};
 
 use crate::journal::{self, Journal, JournalError};
 
@@ -63,13 +60,10 @@ impl Events {
     /// When the journal cannot be written; the thing must then not be done.
     pub fn emit(&self, event: Event) -> Result<(), JournalError> {
         let sinks = &mut *self.sinks();
-        let is_journaled = !matches!(
-            event,
-            Event::Workload {
-                progress: Progress::Health { .. } | Progress::Notice { .. },
-                ..
-            }
-        );
+        let is_journaled = match &event {
+            Event::Workload { progress, .. } => progress.is_journaled(),
+            _ => true,
+        };
         let entry = match is_journaled {
             true => sinks.journal.append(event)?,
             false => JournalEntry {

@@ -116,7 +116,7 @@ impl<'a> ExpandedMatrix<'a> {
                     .or_default()
                     .entry(combination.virtualization().to_owned())
                     .or_default()
-                    .insert(need.clone());
+                    .extend(need.clone());
             }
         }
         questions
@@ -286,7 +286,7 @@ fn scenarios(
     let named = std::iter::zip(combinations, slugs).zip(settings).enumerate();
     named
         .map(|(index, ((combination, slug), settings))| {
-            let placement = place(combination, &Need::of(&settings), offers);
+            let placement = place(combination, Need::of(&settings).as_ref(), offers);
             // Of two reasons the excluding one counts: it holds whatever the host can do.
             let (reason, fix) = match (&combination.excluded, placement.obstacle) {
                 (Some(reason), _) => (Some(reason.clone()), None),
@@ -357,6 +357,10 @@ fn attainable(
 
 /// Values in the sample of each window: the first of an environment loses what the transient spoils.
 fn sample_sizes(file: &MatrixFile, settings: &Settings) -> Vec<u64> {
+    // How many values a command writes is known once it has written them.
+    if settings.experiment.is_some() {
+        return Vec::new();
+    }
     let periods = settings.periods_per_window();
     let first = periods.saturating_sub(u64::from(file.report.discard_periods));
     let (windows, firsts) = (settings.all_windows(), settings.environments);
@@ -368,13 +372,13 @@ fn sample_sizes(file: &MatrixFile, settings: &Settings) -> Vec<u64> {
 }
 
 fn measuring_seconds(settings: &Settings) -> f64 {
-    f64::from(settings.all_windows()) * settings.window.as_secs_f64()
+    f64::from(settings.all_windows()) * settings.longest_window().as_secs_f64()
 }
 
 /// A first window that is discarded altogether is no sample.
 fn check_discarded(file: &MatrixFile, settings: &Settings, found: &mut Diagnostics) {
     let (periods, discarded) = (settings.periods_per_window(), file.report.discard_periods);
-    if periods > 0 && u64::from(discarded) >= periods {
+    if settings.experiment.is_none() && periods > 0 && u64::from(discarded) >= periods {
         let message = format!(
             "the first window has {periods} periods, of which {discarded} are left out: nothing is left"
         );

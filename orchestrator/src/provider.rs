@@ -32,7 +32,7 @@ use std::{
 
 use async_trait::async_trait;
 use record::{
-    call::Run,
+    call::{Folders, Run},
     causes::with_causes,
     detached::Owner,
     progress::Progress,
@@ -41,7 +41,7 @@ use record::{
 };
 use serde_json::{Map, Value};
 
-use crate::host::Program;
+use crate::{experiment_files::ExperimentFiles, host::Program};
 
 pub use asked_right::AskedRight;
 pub use catalogue::{Catalogue, Hosts, Make, Making, NameTaken, ProviderKind};
@@ -97,6 +97,8 @@ pub struct EnvironmentRequest {
     pub settings: Settings,
     /// The numbers of the windows it is to measure, one contiguous stretch of the loop.
     pub windows: Vec<u32>,
+    /// The files of a user's experiment, if it has any.
+    pub files: Option<ExperimentFiles>,
 }
 
 impl EnvironmentRequest {
@@ -113,10 +115,10 @@ impl EnvironmentRequest {
         }
     }
 
-    /// The workload's arguments: what `workload run` is to do, with its data in `data`.
+    /// The workload's arguments: what `workload run` is to do, in these folders.
     #[must_use]
-    pub fn arguments(&self, data: &Path) -> Vec<OsString> {
-        Run::of(&self.environment, &self.settings, data.to_owned(), &self.windows).arguments()
+    pub fn arguments(&self, folders: Folders) -> Vec<OsString> {
+        Run::of(&self.environment, &self.settings, folders, &self.windows).arguments()
     }
 }
 

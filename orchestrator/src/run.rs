@@ -35,6 +35,7 @@ use unit::Unit;
 
 use crate::{
     disk_space,
+    experiment_files::ExperimentFiles,
     host::lease::{Answer, HostLease},
     journal::JournalError,
     lease::Holder,
@@ -76,6 +77,8 @@ pub struct Run<'a> {
     pub directory: RunDirectory,
     /// What is to be done.
     pub plan: &'a PlanRecord,
+    /// The files of a user's experiment, if it has any.
+    pub files: Option<ExperimentFiles>,
     /// Who is told.
     pub events: Events,
     /// Where it is done.

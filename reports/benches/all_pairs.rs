@@ -176,11 +176,11 @@ fn windows(count: usize, value: impl Fn(u32) -> f64) -> Vec<Vec<f64>> {
 }
 
 fn samples(windows: &[Vec<f64>]) -> Vec<Sample> {
-    let four_each = windows.iter().enumerate().map(|(at, errors_m)| Sample {
+    let four_each = windows.iter().enumerate().map(|(at, values)| Sample {
         scenario: format!("{:04}", at / 4),
         window: (at % 4) as u32 + 1,
-        first_period: 1,
-        errors_m: errors_m.clone(),
+        first_value: 1,
+        values: values.clone(),
     });
     four_each.collect()
 }

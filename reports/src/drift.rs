@@ -17,6 +17,7 @@ pub mod baseline;
 pub mod contrasts;
 pub mod digest;
 pub mod history;
+mod metric;
 pub mod night;
 mod render;
 mod series;
@@ -24,10 +25,13 @@ mod series;
 #[cfg(test)]
 mod tests;
 
+use std::collections::BTreeMap;
+
 #[cfg(feature = "schema")]
 pub use acknowledgement::schema;
 pub use acknowledgement::{Acknowledgement, Acknowledgements, Baseline};
-pub use night::{Metric, MissingData, Night};
+pub use metric::Metric;
+pub use night::{MissingData, Night};
 pub use render::DriftDocument;
 pub use series::{Cause, Series, series_of};
 
@@ -172,8 +176,8 @@ impl Kind {
 pub struct Settings {
     /// The probability, each night, of a false finding among all scenarios and metrics.
     pub alpha: f64,
-    /// A change of the tracking error that is smaller does not matter, in metres.
-    pub equivalence_margin_m: Option<f64>,
+    /// A change of these metrics that is smaller does not matter, each in its unit.
+    pub equivalence_margins: BTreeMap<Metric, f64>,
     /// What is known.
     pub acknowledgements: Acknowledgements,
     /// Seed of the permutations of windows, where few runs are the baseline.
@@ -184,7 +188,7 @@ impl Default for Settings {
     fn default() -> Self {
         Self {
             alpha: 0.01,
-            equivalence_margin_m: None,
+            equivalence_margins: BTreeMap::new(),
             acknowledgements: Acknowledgements::default(),
             seed: 0,
         }
@@ -192,9 +196,9 @@ impl Default for Settings {
 }
 
 impl Settings {
-    fn is_immaterial(&self, metric: Metric, change: f64) -> bool {
-        let is_within = |margin_m: f64| change.abs() < margin_m;
-        metric == Metric::TrackingError && self.equivalence_margin_m.is_some_and(is_within)
+    fn is_immaterial(&self, metric: &Metric, change: f64) -> bool {
+        let margin = self.equivalence_margins.get(metric);
+        margin.is_some_and(|margin| change.abs() < *margin)
     }
 }
 

@@ -5,3 +5,4 @@ pub mod overheads;
 pub mod run;
 pub mod traffic;
 pub mod verification;
+pub mod window_data;

@@ -30,8 +30,9 @@ impl Report {
     #[must_use]
     pub fn present(&self) -> Presentation<'_> {
         let mut faults = self.faults.clone();
-        // How large differences are, before any count of rejections.
-        let mut tables = Vec::from_iter(table::shifts(self));
+        // Whether what must be the same is, and how large differences are, before any count of rejections.
+        let mut tables = table::agreements(self);
+        tables.extend(table::shifts(self));
         tables.extend(or_fault(table::of_the_paper(self), &mut faults));
         tables.extend(table::beside(self));
         let mut remarks = remarks::remarks(self);

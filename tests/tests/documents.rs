@@ -90,7 +90,7 @@ fn what_is_printed_for_programs_is_as_its_schema_says() {
     );
     described("plan", &["plan", "m.yaml"]);
     let with_window_sd = described("plan", &["plan", "m.yaml", "--window-sd", "1mm"]);
-    assert!(with_window_sd["spread_m"].is_f64(), "{with_window_sd:#}");
+    assert!(with_window_sd["spread"].is_f64(), "{with_window_sd:#}");
     described("plan", &["run", "m.yaml", "--dry-run"]);
 
     let report = described("report", &["run", "m.yaml", "--keep", "always"]);
@@ -124,7 +124,7 @@ fn what_is_printed_for_programs_is_as_its_schema_says() {
 fn commands_and_options_have_their_former_names_too() {
     let workplace = workplace();
     workplace.write("m.yaml", matrix_file(""));
-    let of_levels = |option: &str| workplace.json(&["plan", "m.yaml", option, "1mm"])["spread_m"].clone();
+    let of_levels = |option: &str| workplace.json(&["plan", "m.yaml", option, "1mm"])["spread"].clone();
     assert!(of_levels("--spread").is_f64());
     assert_eq!(of_levels("--spread"), of_levels("--window-sd"));
 

@@ -115,7 +115,7 @@ fn each_round_makes_every_scenario_anew_in_an_order_of_its_own() {
         .find(|section| section.starts_with("How large the differences are, all at once"))
         .unwrap_or_else(|| panic!("{tables}"));
     let first = first.split_whitespace().collect::<Vec<_>>().join(" ");
-    let shift_mm = 1e3 * pair["shift_m"].as_f64().unwrap();
+    let shift_mm = 1e3 * pair["shift"].as_f64().unwrap();
     let places = if shift_mm.abs() < 9.995 { 2 } else { 1 };
     assert!(
         first.contains(&format!("| {shift_mm:+.places$} | [")),
@@ -308,7 +308,7 @@ fn scenarios_are_compared_over_nights_with_the_night_as_a_block() {
         (&json!(3), &json!(0.25)),
         "{contrasts:#}"
     );
-    assert!(contrasts["between_nights_m2"].is_f64(), "{contrasts:#}");
+    assert!(contrasts["between_nights"].is_f64(), "{contrasts:#}");
     let text = workplace.run(&["drift", "runs", "--between-scenarios"]).out;
     assert!(
         text.contains("Each two scenarios, the night as a block"),
@@ -341,13 +341,13 @@ fn a_plan_says_what_environments_would_find_as_a_pilot_has_it() {
     };
     let relative = power(&[]);
     assert_eq!(
-        (&relative["unit"], &relative["spread_m"]),
+        (&relative["unit"], &relative["spread"]),
         (&json!("environment"), &json!(null))
     );
     let point = &power(&["--environment-sd", "2mm"])["curve"][0];
     let shift_sd = relative["curve"][0]["shift_sd"].as_f64().unwrap();
     assert_eq!(
-        (&point["units"], &point["shift_m"]),
+        (&point["units"], &point["shift"]),
         (&json!(6), &json!(0.002 * shift_sd))
     );
     let by_pilot = power(&["--pilot", &pilot]);

@@ -1,91 +1,26 @@
-//! The experiment, wired up: network, captures, nodes, loops, windows. The main function is [`run`].
-//!
-//! ```text
-//! h1    ROS master
-//! sta1  /controller   states -> latest value -> controller loop -> commands
-//! sta2  /plant        commands -> latest value -> plant loop -> states
-//!
-//! both loops -> queues -> Recorder -> control.csv, plant.csv, captures -> sealer -> window.json
-//! ```
-//!
-//! The three are threads of this process or processes of their own ([`nodes`]). The experiment's clock is zero at the first
-//! control step. It is chosen shortly ahead once both topics are connected; the plant's first step comes `control.phase`
-//! before it. What a step does is in [`loops`].
-//!
-//! Who is urgent: the emulator above all, since it stands for hardware; then the loops and the threads that receive
-//! for them; everything else has no priority, and the sealer less than that.
+//! What is measured in one environment: the trait [`Experiment`], and what all experiments have in common. `crate::experiments` has a
+//! row for each.
 
 mod conditions;
-mod connection;
 mod error;
-mod lateness;
-mod latest_value;
-mod log_file;
-mod loop_threads;
-mod loops;
-mod master;
-mod namespace_entries;
-mod namespace_thread;
-mod node_messages;
-mod node_process;
-mod node_program;
-mod nodes;
-mod notices;
-mod open_window;
 mod platform_watch;
-mod recorder;
-mod rehearsal;
 mod reporter;
-mod schedule;
-mod snapshot;
-mod window_folder;
+pub(crate) mod snapshot;
+pub(crate) mod window_folder;
 
 use std::{
     path::PathBuf,
-    sync::{
-        Arc,
-        atomic::{AtomicBool, AtomicU64, Ordering},
-    },
-    time::Duration,
+    sync::{Arc, atomic::AtomicBool},
 };
 
-use record::{
-    layout,
-    progress::Progress,
-    settings::{ImpairedFrom, Settings},
-    virtual_host::VirtualHost,
-};
-use simulation::schedule::Schedule;
+use record::settings::Settings;
 
 pub use self::{
     error::ExperimentError,
-    master::{survey as survey_master, uri as master_uri},
-    node_messages::Program,
-    node_program::serve,
-    recorder::Ending,
-    rehearsal::rehearse,
+    platform_watch::{KnownPlatform, PlatformWatch},
     reporter::Reporter,
     window_folder::write_whole,
 };
-use self::{
-    loops::Shared,
-    namespace_entries::NamespaceEntries,
-    nodes::{Loops, Nodes, Setting},
-    notices::NoticeQueue,
-    open_window::WindowShape,
-    platform_watch::PlatformWatch,
-    recorder::{Recorder, Sources},
-};
-use crate::{
-    capabilities::drop_unneeded,
-    capture::Capture,
-    network::{self, Network},
-    realtime::{lock_memory, monotonic_ns},
-};
-
-/// How far ahead the plant's first step is chosen: room to tell the loops. The first window's files and captures have
-/// `control.phase` besides.
-const AHEAD_NS: i64 = 5_000_000;
 
 /// What is to be measured.
 #[derive(Debug, Clone, PartialEq)]
@@ -96,152 +31,40 @@ pub struct Request {
     pub settings: Settings,
     /// Where the data go.
     pub data: PathBuf,
-    /// Numbers of the windows, one contiguous stretch of the loops.
+    /// Numbers of the windows, one contiguous stretch.
     pub windows: Vec<u32>,
+    /// Where a command has its files; none for experiments that need none.
+    pub work: Option<PathBuf>,
 }
 
-/// Measures all windows, or until `stop` is set. Everything it made is gone afterwards, except the data.
-///
-/// # Errors
-/// If the platform lacks something or the experiment goes wrong. Windows that were complete by then are on disk.
-pub fn run(
-    request: &Request,
-    reporter: &Reporter,
-    stop: &Arc<AtomicBool>,
-) -> Result<Ending, ExperimentError> {
-    let settings = &request.settings;
-    let first = request.windows.first().copied().unwrap_or(1);
-    let network = network::open(&settings.network, emulator_priority(settings))?;
-    // Before anything is read that comes over the network, and before any other program is started.
-    drop_unneeded();
-    let _entries = NamespaceEntries::open(network.as_ref())?;
-    reporter.say(&Progress::NetworkUp);
-    if settings.network.impaired_from == ImpairedFrom::Start {
-        network.impair()?;
-    }
-    let watch = PlatformWatch::start(&request.data, settings.ros.master)?;
-    let captures = start_captures(settings, network.as_ref())?;
-    let mut board = NoticeQueue::new();
-    let log_dropped = Arc::new(AtomicU64::new(0));
-    let nodes = Nodes::connect(&Setting {
-        network: network.as_ref(),
-        settings,
-        board: &board,
-        stop,
-        log_dropped: &log_dropped,
-    });
-    // Those of connecting belong to no window. Where it failed they explain why.
-    let failed = nodes.is_err();
-    board.look(|progress| {
-        if failed {
-            reporter.say(progress);
-        }
-    });
-    let Some(nodes) = nodes? else {
-        return Ok(Ending::Stopped { window: first });
-    };
-    if settings.network.impaired_from == ImpairedFrom::Connection {
-        network.impair()?;
-    }
-    keep_transcript(request, network.as_ref())?;
-    reporter.say(&Progress::Connected);
-    let (mut loops, queues, mut grant) = nodes.start_loops(settings)?;
-    // After all threads have their stacks.
-    lock_memory(&settings.realtime, &mut grant);
-    watch.granted(grant);
-    let sources = Sources {
-        rows: queues.rows,
-        plant_rows: queues.plant_rows,
-        processes: loops.processes(),
-        captures,
-        network: network.as_ref(),
-        board,
-        shared: Shared {
-            zero_ns: monotonic_ns() + AHEAD_NS + nanoseconds(settings.control.phase.duration()),
-            stop: Arc::clone(stop),
-            log_dropped,
-        },
-    };
-    let outcome = measure(request, reporter, &mut loops, sources);
-    if outcome.is_err() {
-        stop.store(true, Ordering::Relaxed);
-    }
-    let ended = loops.end();
-    // Again, with what went through the links.
-    let kept = keep_transcript(request, network.as_ref());
-    let watched = watch.finish();
-    // What ended a loop is the cause of what the recorder could not go on without.
-    ended?;
-    let ending = outcome?;
-    kept?;
-    let changes = watched?;
-    if !changes.is_empty() {
-        reporter.say(&Progress::PlatformChanged { changes });
-    }
-    Ok(ending)
+/// An experiment.
+pub trait Experiment: Sync {
+    /// Does what has to be done first, while the process has one thread.
+    ///
+    /// # Errors
+    /// If the platform does not allow it.
+    fn begin(&self) -> Result<(), ExperimentError>;
+
+    /// Measures all windows, or until `stop` is set. Everything it made is gone afterwards, except the data.
+    ///
+    /// # Errors
+    /// If the platform lacks something or the experiment goes wrong. Windows that were complete by then are on disk.
+    fn run(
+        &self,
+        request: &Request,
+        reporter: &Reporter,
+        stop: &Arc<AtomicBool>,
+    ) -> Result<Ending, ExperimentError>;
 }
 
-/// Above the loops, unless nothing is to be urgent.
-fn emulator_priority(settings: &Settings) -> u8 {
-    match settings.realtime.priority {
-        0 => 0,
-        priority => (priority + 1).min(99),
-    }
-}
-
-fn start_captures(
-    settings: &Settings,
-    network: &dyn Network,
-) -> Result<Vec<(VirtualHost, Capture)>, ExperimentError> {
-    let hosts = VirtualHost::ALL.into_iter().filter(|_| settings.capture.enabled);
-    hosts
-        .map(|host| Ok((host, Capture::start(network, host, &settings.capture)?)))
-        .collect()
-}
-
-/// Writes `network.txt`, if there is something to tell.
-fn keep_transcript(request: &Request, network: &dyn Network) -> Result<(), ExperimentError> {
-    let Some(transcript) = network.transcript() else {
-        return Ok(());
-    };
-    let path = request.data.join(layout::NETWORK);
-    std::fs::write(&path, transcript).map_err(|source| ExperimentError::Write { path, source })
-}
-
-/// Chooses the experiment's zero, begins the loops and records them to their end.
-fn measure(
-    request: &Request,
-    reporter: &Reporter,
-    loops: &mut Loops,
-    sources: Sources<'_>,
-) -> Result<Ending, ExperimentError> {
-    let settings = &request.settings;
-    let step_ns = nanoseconds(settings.rate.step());
-    let shape = WindowShape {
-        environment: request.environment.clone(),
-        steps: settings.steps_per_window(),
-        steps_per_period: settings.steps_per_period(),
-        step_ns,
-        phase_ns: nanoseconds(settings.control.phase.duration()),
-        late_ticks: settings.loops.late_ticks,
-        captures: sources.captures.len(),
-        network_seed: sources.network.seed(),
-        limits: settings.validity.clone(),
-    };
-    let shared = sources.shared.clone();
-    let controller = Schedule {
-        first_ns: shared.zero_ns,
-        step_ns,
-        steps: shape.steps * request.windows.len() as u64,
-    };
-    let plant = Schedule {
-        first_ns: shared.zero_ns - shape.phase_ns,
-        ..controller
-    };
-    loops.begin(plant, controller, &shared)?;
-    Recorder::begin(sources, shape, &request.windows, &request.data, reporter)?.run()
-}
-
-fn nanoseconds(duration: Duration) -> i64 {
-    i64::try_from(duration.as_nanos()).unwrap_or(i64::MAX)
+/// How a run ended without failing.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Ending {
+    /// All windows are on disk.
+    Finished,
+    /// It was asked to stop in that window.
+    Stopped {
+        /// The window that was cut.
+        window: u32,
+    },
 }

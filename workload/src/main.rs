@@ -25,10 +25,11 @@ use record::{
     virtual_host::VirtualHost,
 };
 use workload::{
+    ball_on_plate::{self, Program},
     capabilities::drop_unneeded,
     check, detached, enter,
-    experiment::{self, Ending, ExperimentError, Program, Reporter, Request},
-    network,
+    experiment::{Ending, ExperimentError, Reporter, Request},
+    experiments, network,
 };
 
 /// One networked control experiment, in one environment.
@@ -130,15 +131,20 @@ fn main() -> ExitCode {
 }
 
 fn run(call: Run) -> ExitCode {
+    let data = call.data.clone();
+    let request = request(call);
     // While this is the only thread: the kernel asks for that, and the threads to come inherit the blocked signals.
-    let namespace_root = network::become_namespace_root();
+    let begun = request
+        .as_ref()
+        .map(|request| experiments::of(&request.settings).begin());
+    let begun = begun.unwrap_or(Ok(()));
     let ends = block_signals();
-    let made = std::fs::create_dir_all(&call.data);
-    let reporter = Reporter::start(Some(&call.data.join("progress.jsonl")));
+    let made = std::fs::create_dir_all(&data);
+    let reporter = Reporter::start(Some(&data.join("progress.jsonl")));
     reporter.say(&Progress::Started {
         pid: std::process::id(),
     });
-    let exit = match request(call) {
+    let exit = match request {
         Err(wrong) => report_wrong_call(&reporter, &wrong),
         Ok(request) => {
             let stop = Arc::new(AtomicBool::new(false));
@@ -146,9 +152,9 @@ fn run(call: Run) -> ExitCode {
             let outcome = made
                 .map_err(|source| ExperimentError::Write { path, source })
                 .and_then(|()| Ok(limits::check()?))
-                .and_then(|()| Ok(namespace_root?))
+                .and(begun)
                 .and_then(|()| set_when_told(ends, &stop))
-                .and_then(|()| experiment::run(&request, &reporter, &stop));
+                .and_then(|()| experiments::of(&request.settings).run(&request, &reporter, &stop));
             report_outcome(&reporter, outcome)
         }
     };
@@ -167,6 +173,7 @@ fn request(call: Run) -> Result<Request, WrongCall> {
         settings,
         data: call.data,
         windows: call.windows,
+        work: call.work,
     })
 }
 
@@ -256,7 +263,7 @@ fn rehearse(call: &Rehearse) -> ExitCode {
             let outcome = namespace_root
                 .map_err(ExperimentError::from)
                 .and_then(|()| set_when_told(ends, &stop))
-                .and_then(|()| experiment::rehearse(&settings, &without, &reporter, &stop));
+                .and_then(|()| ball_on_plate::rehearse(&settings, &without, &reporter, &stop));
             report_outcome(&reporter, outcome.map(|()| Ending::Finished))
         }
     };
@@ -271,7 +278,7 @@ fn node(call: &Node) -> ExitCode {
         .into_iter()
         .find(|program| program.name() == call.program);
     match (program, read_settings(&call.settings)) {
-        (Some(program), Ok(settings)) if experiment::serve(program, &settings) => ExitCode::SUCCESS,
+        (Some(program), Ok(settings)) if ball_on_plate::serve(program, &settings) => ExitCode::SUCCESS,
         (Some(_), Ok(_)) => Exit::Failed.into(),
         (None, _) => Exit::WrongCall.into(),
         (_, Err(wrong)) => {
@@ -288,7 +295,7 @@ fn enter(call: &Enter) -> ExitCode {
     let error = enter::exec(
         call.pid,
         host,
-        &experiment::master_uri(),
+        &ball_on_plate::master_uri(),
         &call.program,
         &call.arguments,
     );

@@ -118,7 +118,10 @@ fn words(event: &Event) -> Option<String> {
 
 fn said(progress: &Progress) -> Option<String> {
     Some(match progress {
-        Progress::Started { .. } | Progress::Health { .. } => return None,
+        Progress::Started { .. }
+        | Progress::Health { .. }
+        | Progress::Running { .. }
+        | Progress::Preparing => return None,
         Progress::NetworkUp => "virtual hosts are linked".to_owned(),
         Progress::Connected => "controller and plant are connected".to_owned(),
         Progress::Rehearsing { .. } => "nothing is measured".to_owned(),

@@ -2,7 +2,7 @@
 //!
 //! The sections' own types give their own parts; what is free in a matrix file, the axes, is written here.
 
-use record::{report_settings::ReportSettings, settings::Settings};
+use record::{experiment::CommandExperiment, report_settings::ReportSettings, settings::Settings};
 use schemars::{generate::SchemaSettings, json_schema};
 use serde_json::{Value, json};
 
@@ -14,6 +14,7 @@ use crate::provider::{Catalogue, ProviderSettings};
 pub fn schema(catalogue: Catalogue) -> Value {
     let mut generator = SchemaSettings::draft2020_12().into_generator();
     let workload = generator.subschema_for::<Settings>();
+    let experiment = generator.subschema_for::<CommandExperiment>();
     let report = generator.subschema_for::<ReportSettings>();
     let providers = generator.subschema_for::<ProviderSettings>();
     let host = generator.subschema_for::<HostEntry>();
@@ -22,7 +23,9 @@ pub fn schema(catalogue: Catalogue) -> Value {
         "description": "Overrides, laid over the sections of the file when the profile is chosen.",
         "type": ["object", "null"],
         "additionalProperties": false,
-        "properties": { "matrix": matrix, "workload": workload, "report": report, "providers": providers },
+        "properties": {
+            "matrix": matrix, "experiment": experiment, "workload": workload, "report": report, "providers": providers,
+        },
     });
     let mut definitions = generator.take_definitions(true);
     let sections = definitions.get_mut("ProviderSettings");
@@ -45,6 +48,10 @@ pub fn schema(catalogue: Catalogue) -> Value {
                 "type": "object",
                 "minProperties": 1,
                 "additionalProperties": { "anyOf": [host, { "type": "null" }] },
+            },
+            "experiment": {
+                "description": "An experiment of your own: a command that is run for each window. The ball on the plate when left out.",
+                "anyOf": [experiment, { "type": "null" }],
             },
             "workload": workload,
             "report": report,
@@ -111,10 +118,12 @@ fn matrix(catalogue: Catalogue) -> Value {
             properties.insert(path.clone(), with_description(&axis, &description));
         }
     }
+    let parameter = with_description(&axis, "Sweeps a parameter of the experiment.");
     json!({
         "description": "Axes are lists of values; every combination is a scenario.",
         "type": ["object", "null"],
         "properties": properties,
+        "patternProperties": { "^parameters\\.": parameter },
         "additionalProperties": false,
     })
 }

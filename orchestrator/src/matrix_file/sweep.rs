@@ -3,10 +3,11 @@
 //!
 //! The paths come from the settings' own JSON Schema, so that a new setting can be swept without a word here.
 
-use std::sync::LazyLock;
+use std::{borrow::Cow, sync::LazyLock};
 
 use record::{
     axis::{HARDWARE, OS, VIRTUALIZATION},
+    experiment::CommandExperiment,
     settings::Settings,
 };
 use serde_json::Value;
@@ -22,7 +23,7 @@ pub enum Role {
     Os,
     /// What the environment is made with.
     Virtualization,
-    /// A setting of the workload.
+    /// A setting of the workload, or a parameter of a user's experiment.
     Sweep,
     /// A name for something that the file does not decide.
     Label,
@@ -48,6 +49,7 @@ impl Role {
             HARDWARE => return Ok(Self::Hardware),
             OS => return Ok(Self::Os),
             VIRTUALIZATION => return Ok(Self::Virtualization),
+            _ if name.starts_with(PARAMETERS) => return Ok(Self::Sweep),
             _ if paths.iter().any(|path| path == name) => return Ok(Self::Sweep),
             _ => {}
         }
@@ -75,6 +77,17 @@ impl Role {
             });
         }
         Ok(Self::Label)
+    }
+}
+
+/// The axes `parameters.NAME` of a user's experiment.
+pub const PARAMETERS: &str = "parameters.";
+
+/// The dotted path, within the settings of the workload, of what an axis of that name sweeps.
+pub fn path_of(axis: &str) -> Cow<'_, str> {
+    match axis.starts_with(PARAMETERS) {
+        true => format!("{}.{axis}", CommandExperiment::SECTION).into(),
+        false => axis.into(),
     }
 }
 

@@ -97,7 +97,7 @@ impl HostCapabilities {
 
     /// Why it cannot make environments of a kind that meet a need, if it cannot. A host that is out of reach may be back
     /// when its turn comes: that a machine is broken says nothing of what it can do.
-    fn obstacle(&self, virtualization: &str, need: &Need) -> Option<Obstacle> {
+    fn obstacle(&self, virtualization: &str, need: Option<&Need>) -> Option<Obstacle> {
         let Some(facts) = &self.facts else {
             return Some(Obstacle {
                 reason: format!("host `{}` was not asked what it can do", self.host),
@@ -113,7 +113,7 @@ impl HostCapabilities {
                 fix: None,
             });
         };
-        unavailable(&provider.availability).or_else(|| unavailable(provider.needs.get(need)?))
+        unavailable(&provider.availability).or_else(|| unavailable(provider.needs.get(need?)?))
     }
 }
 
@@ -243,7 +243,7 @@ pub fn fitting<'a>(
 /// The first host that offers a combination's hardware and OS and can make an environment that meets its need, or, after
 /// all those, may be able to when it is back; if none can, the first that offers them, with what stands in the way.
 #[must_use]
-pub fn place(combination: &Combination, need: &Need, offers: &[HostCapabilities]) -> Placement {
+pub fn place(combination: &Combination, need: Option<&Need>, offers: &[HostCapabilities]) -> Placement {
     let virtualization = combination.virtualization();
     let mut fitting: Vec<_> = fitting(combination, offers)
         .map(|offer| (offer.obstacle(virtualization, need), offer))

@@ -224,7 +224,7 @@ impl Design {
             Some(PowerPoint {
                 units,
                 shift_sd,
-                shift_m: spread.map(|spread| shift_sd * spread.deviation_m),
+                shift: spread.map(|spread| shift_sd * spread.deviation),
                 power_heavy_tails: of(Tails::Heavy, power::REPEATS / 5)?.of(shift_sd),
             })
         };
@@ -241,7 +241,7 @@ impl Design {
             unit: self.unit,
             power: POWER,
             alpha,
-            spread_m: spread.map(|spread| spread.deviation_m),
+            spread: spread.map(|spread| spread.deviation),
             spread_freedom: freedom,
             curve: numbers.filter_map(point).collect(),
         }
@@ -251,8 +251,8 @@ impl Design {
 /// How much the levels of units are taken to spread.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct LevelSpread {
-    /// Their standard deviation, in metres.
-    pub deviation_m: f64,
+    /// Their standard deviation, in the unit of the metric.
+    pub deviation: f64,
     /// Degrees of freedom of its estimate; none where it is assumed.
     pub freedom: Option<usize>,
 }
@@ -266,9 +266,9 @@ pub struct DesignPower {
     pub power: f64,
     /// The level of one pair: that of Holm's first step.
     pub alpha: f64,
-    /// The standard deviation of window levels, or of environment means within a round, in metres; null without `--pilot`,
+    /// The standard deviation of window levels, or of environment means within a round, in the unit of the metric; null without `--pilot`,
     /// `--window-sd` and `--environment-sd`.
-    pub spread_m: Option<f64>,
+    pub spread: Option<f64>,
     /// Degrees of freedom of its estimate by the pilot, whose uncertainty is in the shifts; null without a pilot.
     pub spread_freedom: Option<usize>,
     /// For this many units a scenario and for more; the first is the plan's if its units can reach the level.
@@ -290,8 +290,8 @@ pub struct PowerPoint {
     pub units: usize,
     /// In standard deviations of the units' levels, if these are normal and the units independent.
     pub shift_sd: f64,
-    /// The same in metres; null if the standard deviation is not known.
-    pub shift_m: Option<f64>,
+    /// The same in the unit of the metric; null if the standard deviation is not known.
+    pub shift: Option<f64>,
     /// The probability with which the shift is found if levels have heavy tails (Student's t with 3 degrees of freedom).
     pub power_heavy_tails: f64,
 }
@@ -366,12 +366,12 @@ mod tests {
     #[test]
     fn more_units_find_smaller_shifts() {
         let assumed = LevelSpread {
-            deviation_m: 0.001,
+            deviation: 0.001,
             freedom: None,
         };
         for unit in [Unit::Window, Unit::Environment] {
             let power = design(unit, 8, 1, 0.05).power(Some(assumed));
-            let shifts: Vec<f64> = power.curve.iter().filter_map(|point| point.shift_m).collect();
+            let shifts: Vec<f64> = power.curve.iter().filter_map(|point| point.shift).collect();
             assert_eq!(shifts.len(), 4);
             assert!(shifts.windows(2).all(|pair| pair[1] < pair[0]), "{shifts:?}");
             assert!(shifts[0] < 0.002);
@@ -387,13 +387,13 @@ mod tests {
     fn a_pilot_of_few_windows_says_less_than_an_assumption() {
         let spread = |freedom| {
             Some(LevelSpread {
-                deviation_m: 0.001,
+                deviation: 0.001,
                 freedom,
             })
         };
         let shift = |freedom| {
             let power = design(Unit::Window, 7, 1, 0.001).power(spread(freedom));
-            power.curve[0].shift_m.unwrap()
+            power.curve[0].shift.unwrap()
         };
         let (assumed, few, many) = (shift(None), shift(Some(3)), shift(Some(60)));
         assert!(assumed < many && many < few, "{assumed} {many} {few}");

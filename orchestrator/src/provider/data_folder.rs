@@ -4,19 +4,22 @@
 //! ```text
 //! environment.json  network.txt  progress.jsonl
 //! window-N/         control.csv  plant.csv  h1.pcap  sta1.pcap  sta2.pcap  window.json
+//!                   of a command: stdout.txt  stderr.txt  the files of its metrics  window.json
+//! prepare/          of a command: stdout.txt  stderr.txt
 //! ```
 //!
 //! Names and sizes from the other side are not trusted: what is not one of these is not brought, nothing but regular
 //! files is, and nothing is written outside the folder that was asked for.
 
 use std::{
+    collections::BTreeSet,
     fs, io,
     io::{Read, Write as _},
     os::unix::fs::OpenOptionsExt as _,
     path::{Component, Path, PathBuf},
 };
 
-use record::{layout, virtual_host::VirtualHost, window::WindowRecord};
+use record::{experiment::CommandExperiment, layout, virtual_host::VirtualHost, window::WindowRecord};
 use rustix::fs::{Mode, OFlags};
 
 use super::{EnvironmentRequest, ProviderError};
@@ -28,6 +31,8 @@ use crate::disk_space;
 pub struct Allowance {
     windows: Vec<u32>,
     bytes: u64,
+    /// The files of a command in each window's folder; none for the ball on the plate.
+    of_a_command: Option<BTreeSet<String>>,
 }
 
 impl Allowance {
@@ -37,6 +42,7 @@ impl Allowance {
         Self {
             windows: request.windows.clone(),
             bytes: disk_space::windows_take_at_most(&request.settings, request.windows.len()),
+            of_a_command: request.settings.experiment.as_ref().map(window_files),
         }
     }
 
@@ -49,10 +55,53 @@ impl Allowance {
     /// The file that `path`, relative to the data folder, is; none if it is not taken.
     #[must_use]
     pub fn file(&self, path: &Path) -> Option<DataFile> {
-        let file = DataFile::at(path)?;
-        let is_taken = file.window.is_none_or(|window| self.windows.contains(&window));
-        is_taken.then_some(file)
+        let mut names = path.components().map(|component| match component {
+            Component::Normal(name) => name.to_str(),
+            _ => None,
+        });
+        let longest = match (names.next()??, names.next(), names.next()) {
+            (layout::ENVIRONMENT | layout::NETWORK, None, None) => WindowRecord::MOST_BYTES,
+            (layout::PROGRESS, None, None) => LONGEST_PROGRESS,
+            (layout::PREPARE, Some(Some(layout::STDOUT | layout::STDERR)), None)
+                if self.of_a_command.is_some() =>
+            {
+                WindowRecord::LONGEST_FILE
+            }
+            (folder, Some(Some(file)), None) => {
+                let window = layout::window_of(folder)?;
+                self.windows
+                    .contains(&window)
+                    .then(|| self.longest_of_window(file))??
+            }
+            _ => return None,
+        };
+        Some(DataFile {
+            path: path.to_owned(),
+            longest,
+        })
     }
+
+    fn longest_of_window(&self, file: &str) -> Option<u64> {
+        if file == layout::WINDOW {
+            return Some(WindowRecord::MOST_BYTES);
+        }
+        let is_capture = || {
+            file.strip_suffix(".pcap")
+                .is_some_and(|name| VirtualHost::ALL.iter().any(|host| host.name() == name))
+        };
+        let is_known = match &self.of_a_command {
+            Some(files) => files.contains(file),
+            None => matches!(file, layout::CONTROL_LOG | layout::PLANT_LOG) || is_capture(),
+        };
+        is_known.then_some(WindowRecord::LONGEST_FILE)
+    }
+}
+
+/// What a window of a command has beside its record.
+fn window_files(experiment: &CommandExperiment) -> BTreeSet<String> {
+    let printed = [layout::STDOUT, layout::STDERR];
+    let names = experiment.measured_files().into_iter().chain(printed);
+    names.map(str::to_owned).collect()
 }
 
 /// A file that a data folder may have.
@@ -60,8 +109,6 @@ impl Allowance {
 pub struct DataFile {
     path: PathBuf,
     longest: u64,
-    /// The window that it is of.
-    window: Option<u32>,
 }
 
 /// What one read moves at most.
@@ -70,26 +117,6 @@ const PIECE: usize = 256 << 10;
 const LONGEST_PROGRESS: u64 = 4 << 30;
 
 impl DataFile {
-    /// The file that `path`, relative to the data folder, is; none if a data folder has no such file.
-    #[must_use]
-    pub fn at(path: &Path) -> Option<Self> {
-        let mut names = path.components().map(|component| match component {
-            Component::Normal(name) => name.to_str(),
-            _ => None,
-        });
-        let (longest, window) = match (names.next()??, names.next(), names.next()) {
-            (layout::ENVIRONMENT | layout::NETWORK, None, None) => (WindowRecord::MOST_BYTES, None),
-            (layout::PROGRESS, None, None) => (LONGEST_PROGRESS, None),
-            (folder, Some(file), None) => (longest_of_window(file?)?, Some(layout::window_of(folder)?)),
-            _ => return None,
-        };
-        Some(Self {
-            path: path.to_owned(),
-            longest,
-            window,
-        })
-    }
-
     /// The same, of which so many bytes are taken at most.
     #[must_use]
     pub fn within(self, bytes: u64) -> Self {
@@ -193,19 +220,6 @@ impl Arriving {
             });
         }
         Ok(())
-    }
-}
-
-fn longest_of_window(file: &str) -> Option<u64> {
-    let is_capture = || {
-        file.strip_suffix(".pcap")
-            .is_some_and(|name| VirtualHost::ALL.iter().any(|host| host.name() == name))
-    };
-    match file {
-        layout::WINDOW => Some(WindowRecord::MOST_BYTES),
-        layout::CONTROL_LOG | layout::PLANT_LOG => Some(WindowRecord::LONGEST_FILE),
-        _ if is_capture() => Some(WindowRecord::LONGEST_FILE),
-        _ => None,
     }
 }
 
@@ -316,12 +330,13 @@ mod tests {
     #[case("progress.jsonl", true)]
     #[case("window-1/control.csv", true)]
     #[case("window-1/plant.csv", true)]
-    #[case("window-12/sta2.pcap", true)]
+    #[case("window-4/sta2.pcap", true)]
     #[case("window-4/window.json", true)]
     #[case("./environment.json", false)]
     #[case("../environment.json", false)]
     #[case("/environment.json", false)]
     #[case("window-1/../../environment.json", false)]
+    #[case("window-5/control.csv", false)]
     #[case("window-0/control.csv", false)]
     #[case("window-01/control.csv", false)]
     #[case("window-+1/control.csv", false)]
@@ -329,16 +344,48 @@ mod tests {
     #[case("window-1/.pcap", false)]
     #[case("window-1/window.json/x", false)]
     #[case("window-1", false)]
+    #[case("window-1/stdout.txt", false)]
+    #[case("prepare/stdout.txt", false)]
     #[case("notes.txt", false)]
     #[case("", false)]
     fn only_a_workloads_files_are_known(#[case] path: &str, #[case] known: bool) {
-        assert_eq!(DataFile::at(Path::new(path)).is_some(), known);
+        let allowance = Allowance {
+            windows: vec![1, 4],
+            ..allowance(1)
+        };
+        assert_eq!(allowance.file(Path::new(path)).is_some(), known);
     }
 
-    /// Of three windows.
+    #[rstest::rstest]
+    #[case("environment.json", true)]
+    #[case("prepare/stderr.txt", true)]
+    #[case("prepare/errors.csv", false)]
+    #[case("window-1/window.json", true)]
+    #[case("window-1/stdout.txt", true)]
+    #[case("window-1/errors.csv", true)]
+    #[case("window-1/others.csv", false)]
+    #[case("window-1/control.csv", false)]
+    #[case("window-1/h1.pcap", false)]
+    #[case("window-4/errors.csv", false)]
+    fn of_a_command_the_files_of_its_metrics_are_taken(#[case] path: &str, #[case] known: bool) {
+        let experiment = serde_json::json!({
+            "name": "reach", "run": ["true"],
+            "metrics": [{"name": "error", "from": "errors.csv"}],
+        });
+        let allowance = Allowance {
+            of_a_command: Some(window_files(&serde_json::from_value(experiment).unwrap())),
+            ..allowance(1)
+        };
+        assert_eq!(allowance.file(Path::new(path)).is_some(), known);
+    }
+
+    /// Of three windows of the ball on the plate.
     fn allowance(bytes: u64) -> Allowance {
-        let windows = vec![1, 2, 3];
-        Allowance { windows, bytes }
+        Allowance {
+            windows: vec![1, 2, 3],
+            bytes,
+            of_a_command: None,
+        }
     }
 
     fn entry(archive: &mut tar::Builder<Vec<u8>>, path: &str, kind: tar::EntryType, content: &[u8]) {
@@ -519,13 +566,11 @@ mod tests {
         let file = DataFile {
             path: "environment.json".into(),
             longest: 3,
-            window: None,
         };
         file.write(into.path(), &mut b"abc".as_slice()).unwrap();
         let file = DataFile {
             path: "progress.jsonl".into(),
             longest: 3,
-            window: None,
         };
         let error = file.write(into.path(), &mut b"abcd".as_slice()).unwrap_err();
         assert!(matches!(error, ProviderError::Data { .. }), "{error}");

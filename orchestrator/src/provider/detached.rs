@@ -79,7 +79,12 @@ impl AgentClient {
         };
         let environment = &request.environment;
         let call = |root| Detached::Start(which(root, environment));
-        self.ask("starting the workload", call, &json(&start)).await
+        let mut input = json(&start);
+        if let Some(files) = &request.files {
+            input.push(b'\n');
+            input.extend_from_slice(files.stream());
+        }
+        self.ask("starting the workload", call, &input).await
     }
 
     /// Whether an environment's workload runs, how it ended, what it said last.

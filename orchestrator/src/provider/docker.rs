@@ -26,11 +26,12 @@ use std::sync::Arc;
 
 use async_trait::async_trait;
 use bollard::{
+    body_full,
     models::{ContainerInspectResponse, ImageInspect},
     query_parameters::{
         CreateContainerOptionsBuilder, InspectContainerOptions, ListContainersOptionsBuilder,
         ListImagesOptionsBuilder, ListVolumesOptionsBuilder, RemoveImageOptionsBuilder,
-        StartContainerOptions,
+        StartContainerOptions, UploadToContainerOptionsBuilder,
     },
 };
 use record::{
@@ -247,9 +248,12 @@ impl Provider for Docker {
     }
 
     fn resources(&self, request: &EnvironmentRequest) -> Vec<Resource> {
-        [CONTAINER, VOLUME]
-            .map(|kind| self.resource(kind, &request.environment))
-            .into()
+        let volumes = container::volume_names(request).into_iter();
+        let volumes = volumes.map(|name| self.resource(VOLUME, &name));
+        [self.resource(CONTAINER, &request.environment)]
+            .into_iter()
+            .chain(volumes)
+            .collect()
     }
 
     async fn create(&self, request: &EnvironmentRequest) -> Result<Box<dyn Environment>, ProviderError> {
@@ -265,9 +269,15 @@ impl Provider for Docker {
             )
             .await
             .map_err(|error| translate(&format!("creating the container {name}"), error))?;
-        if let Err(error) = check_workload(engine, name, &image).await {
+        let made_ready = async {
+            check_workload(engine, name, &image).await?;
+            put_files(engine, name, request).await
+        };
+        if let Err(error) = made_ready.await {
             environment::remove_container(engine, name).await?;
-            environment::remove_volume(engine, name).await?;
+            for volume in container::volume_names(request) {
+                environment::remove_volume(engine, &volume).await?;
+            }
             return Err(error);
         }
         engine
@@ -432,6 +442,30 @@ impl Provider for Docker {
             _ => Ok(()),
         }
     }
+}
+
+/// Puts the files of a user's experiment into a container that is not started yet.
+async fn put_files(
+    engine: &Engine,
+    container: &str,
+    request: &EnvironmentRequest,
+) -> Result<(), ProviderError> {
+    const ACTION: &str = "copying the experiment's files into the container";
+    let Some(files) = &request.files else {
+        return Ok(());
+    };
+    let tar = files.as_tar().map_err(|source| ProviderError::Data {
+        what: "the archive with the experiment's files".to_owned(),
+        reason: source.to_string(),
+    })?;
+    let options = UploadToContainerOptionsBuilder::default()
+        .path(folders::WORK)
+        .build();
+    engine
+        .api
+        .upload_to_container(container, Some(options), body_full(tar.into()))
+        .await
+        .map_err(|error| translate(ACTION, error))
 }
 
 /// Whether the workload in a container, not started yet, is the one that was built into its image: a name and a label are what

@@ -16,6 +16,7 @@ use serde::Serialize;
 
 use crate::{
     escaping,
+    experiment_files::ExperimentFiles,
     host::{self, Host},
     provider::{Catalogue, Providers},
     state_directory::StateDirectory,
@@ -225,7 +226,7 @@ impl RecordedRun {
         names.into_iter().map(host).collect()
     }
 
-    /// Makes a new run directory with manifest and plan on disk. Fails if there is anything at that place.
+    /// Makes a new run directory with manifest, plan and the experiment's files on disk. Fails if there is anything at that place.
     ///
     /// # Errors
     /// When it exists already or cannot be written.
@@ -233,6 +234,7 @@ impl RecordedRun {
         path: &Path,
         manifest: &Manifest,
         plan: &PlanRecord,
+        files: Option<&ExperimentFiles>,
     ) -> Result<RunDirectory, RecordedRunError> {
         let failed = |action, path: &Path| {
             let path = path.to_owned();
@@ -245,6 +247,10 @@ impl RecordedRun {
         let directory = Self::directory(path)?;
         // The manifest comes last: a folder without one is half-written, and nothing was created for it.
         directory.journal().create().map_err(failed("write", path))?;
+        if let Some(files) = files {
+            let written = directory.experiment().write(files.stream());
+            written.map_err(failed("write", path))?;
+        }
         write(&directory.plan(), plan).map_err(failed("write", path))?;
         write(&directory.manifest(), manifest).map_err(failed("write", path))?;
         Ok(directory)

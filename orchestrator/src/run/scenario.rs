@@ -391,6 +391,7 @@ impl Run<'_> {
             host: planned.host.clone().unwrap_or_default(),
             settings: planned.settings.clone(),
             windows,
+            files: self.files.clone(),
         }
     }
 
@@ -549,7 +550,7 @@ impl Run<'_> {
                 // One that was found again says everything again.
                 Ok(Some(progress)) if told.contains(&progress) => {}
                 Ok(Some(progress)) => {
-                    if !matches!(progress, Progress::Health { .. } | Progress::Notice { .. }) {
+                    if progress.is_journaled() {
                         told.push(progress.clone());
                     }
                     // Another machine says it, and the journal keeps it.

@@ -13,6 +13,7 @@ use super::{
     stop::Stop,
 };
 use crate::{
+    experiment_files::{ExperimentFiles, ExperimentFilesError},
     journal::Journal,
     lease::{self, Holder, Lease, LeaseError},
     observer::{Events, Observer},
@@ -102,6 +103,9 @@ pub enum SessionError {
     /// It cannot be entered in the state folder.
     #[error(transparent)]
     Register(io::Error),
+    /// Its experiment's files are not there as they were.
+    #[error(transparent)]
+    Files(#[from] ExperimentFilesError),
 }
 
 impl SessionError {
@@ -111,6 +115,7 @@ impl SessionError {
         match self {
             Self::Run(error) => error.hint(),
             Self::Register(_) => None,
+            Self::Files(error) => error.hint().map(str::to_owned),
         }
     }
 }
@@ -138,6 +143,7 @@ pub async fn carry_out(
         name: manifest.run.clone(),
         directory: directory.clone(),
         plan,
+        files: ExperimentFiles::of_run(directory, manifest)?,
         events: Events::new(journal, state, options.observers),
         fleet: providers,
         stop: options.stop,

@@ -88,7 +88,9 @@ fn night(number: usize, levels: Vec<f64>) -> Night {
         run: format!("night-{number:03}"),
         created: format!("2026-{number:03}"),
         is_simulated: false,
+        metric: Metric::TrackingError,
         equivalence_margin_m: None,
+        equivalence_margins: BTreeMap::new(),
         scenarios: scenarios.collect(),
     }
 }

@@ -42,14 +42,14 @@ pub struct Model {
     pub values: usize,
     /// Autocorrelation of neighbouring values within windows, none below 0, fitted so that short windows do not make it smaller.
     pub phi: f64,
-    /// Standard deviation of values within windows around the window's level, in metres.
-    pub within_m: f64,
-    /// Standard deviation of window levels beyond what correlated values alone give, in metres; 0 where levels vary less.
-    pub between_m: f64,
-    /// Lower end of its 95 % interval, in metres; 0 where correlated values alone may give all of it.
-    pub between_low_m: f64,
-    /// Upper end of that interval, in metres.
-    pub between_high_m: f64,
+    /// Standard deviation of values within windows around the window's level.
+    pub within: f64,
+    /// Standard deviation of window levels beyond what correlated values alone give; 0 where levels vary less.
+    pub between: f64,
+    /// Lower end of its 95 % interval; 0 where correlated values alone may give all of it.
+    pub between_low: f64,
+    /// Upper end of that interval.
+    pub between_high: f64,
 }
 
 /// How often one method was wrong.
@@ -137,10 +137,10 @@ pub fn calibrate(samples: &[Sample], settings: &ReportSettings, repeats: usize) 
         rates: Vec::new(),
     };
     within_scenarios(samples, settings, &mut counts);
-    for (data, between_m) in [(ALIKE, 0.0), (SHIFTED, model.between_m)] {
+    for (data, between) in [(ALIKE, 0.0), (SHIFTED, model.between)] {
         let mut noise = Noise::new(settings.seed);
         for number in 0..repeats {
-            trial(&model, between_m, data, number, &mut noise, settings, &mut counts);
+            trial(&model, between, data, number, &mut noise, settings, &mut counts);
         }
     }
     for (data, shared) in SHARING {
@@ -162,7 +162,7 @@ fn p_of_order(samples: &[Sample], seed: u64) -> Option<f64> {
     let scenarios = samples.chunk_by(|a, b| a.scenario == b.scenario);
     let levels: Vec<Vec<f64>> = scenarios
         .map(|of_one| {
-            let levels = of_one.iter().map(|sample| effect::level(&sample.errors_m));
+            let levels = of_one.iter().map(|sample| effect::level(&sample.values));
             levels.flatten().collect()
         })
         .collect();
@@ -172,7 +172,7 @@ fn p_of_order(samples: &[Sample], seed: u64) -> Option<f64> {
 
 impl Model {
     fn of(samples: &[Sample]) -> Option<Self> {
-        let windows: Vec<&[f64]> = samples.iter().map(|sample| sample.errors_m.as_slice()).collect();
+        let windows: Vec<&[f64]> = samples.iter().map(|sample| sample.values.as_slice()).collect();
         let values_within = Ar1::of(&windows)?;
         let scenarios: Vec<usize> = samples
             .chunk_by(|a, b| a.scenario == b.scenario)
@@ -188,19 +188,19 @@ impl Model {
             windows: scenarios.iter().copied().max()?,
             values: windows.iter().map(|window| window.len()).max()?,
             phi: values_within.phi,
-            within_m: values_within.variance.sqrt(),
-            between_m: beyond.deviation,
-            between_low_m: beyond.low,
-            between_high_m: beyond.high,
+            within: values_within.variance.sqrt(),
+            between: beyond.deviation,
+            between_low: beyond.low,
+            between_high: beyond.high,
         })
     }
 
-    fn scenario(&self, between_m: f64, noise: &mut Noise) -> Vec<Vec<f64>> {
+    fn scenario(&self, between: f64, noise: &mut Noise) -> Vec<Vec<f64>> {
         (0..self.windows)
             .map(|_| {
-                let level = between_m * noise.normal();
+                let level = between * noise.normal();
                 let values = noise.ar1(self.values, self.phi).into_iter();
-                values.map(|value| level + self.within_m * value).collect()
+                values.map(|value| level + self.within * value).collect()
             })
             .collect()
     }
@@ -260,7 +260,7 @@ const MAX_T: &str = "family by max-T";
 /// Each two windows of a scenario.
 fn within_scenarios(samples: &[Sample], settings: &ReportSettings, counts: &mut Counts) {
     for of_one in samples.chunk_by(|a, b| a.scenario == b.scenario) {
-        let windows: Vec<&[f64]> = of_one.iter().map(|sample| sample.errors_m.as_slice()).collect();
+        let windows: Vec<&[f64]> = of_one.iter().map(|sample| sample.values.as_slice()).collect();
         let block = Dependence::block_of(&windows);
         let pairs: Vec<(&[f64], &[f64])> = windows
             .iter()
@@ -282,7 +282,7 @@ fn within_scenarios(samples: &[Sample], settings: &ReportSettings, counts: &mut 
 
 fn trial(
     model: &Model,
-    between_m: f64,
+    between: f64,
     data: &'static str,
     number: usize,
     noise: &mut Noise,
@@ -290,7 +290,7 @@ fn trial(
     counts: &mut Counts,
 ) {
     let scenarios: Vec<Vec<Vec<f64>>> = (0..model.scenarios.max(2))
-        .map(|_| model.scenario(between_m, noise))
+        .map(|_| model.scenario(between, noise))
         .collect();
     let windows = |at: usize| -> Vec<&[f64]> {
         scenarios
@@ -361,17 +361,17 @@ fn by_blocks(x: &[f64], y: &[f64], block: usize, seed: u64) -> Option<(f64, f64)
 mod tests {
     use super::*;
 
-    fn samples(between_m: f64, phi: f64) -> Vec<Sample> {
+    fn samples(between: f64, phi: f64) -> Vec<Sample> {
         let mut noise = Noise::new(9);
         let mut samples = Vec::new();
         for scenario in ["a", "b", "c"] {
             for window in 1..=4 {
-                let level = 0.24 + between_m * noise.normal();
+                let level = 0.24 + between * noise.normal();
                 samples.push(Sample {
                     scenario: scenario.to_owned(),
                     window,
-                    first_period: 1,
-                    errors_m: noise
+                    first_value: 1,
+                    values: noise
                         .ar1(60, phi)
                         .into_iter()
                         .map(|value| level + 0.002 * value)
@@ -427,7 +427,7 @@ mod tests {
         let mut drifting = samples(0.002, 0.0);
         for sample in &mut drifting {
             let by = 0.005 * f64::from(sample.window);
-            sample.errors_m.iter_mut().for_each(|value| *value += by);
+            sample.values.iter_mut().for_each(|value| *value += by);
         }
         assert!(p_of_order(&drifting, 1).unwrap() < 0.01);
         assert!(p_of_order(&samples(0.002, 0.0), 1).unwrap() > 0.05);
@@ -455,8 +455,8 @@ mod tests {
                 .map(|window| Sample {
                     scenario: "a".to_owned(),
                     window,
-                    first_period: 1,
-                    errors_m: noise.ar1(30, 0.0),
+                    first_value: 1,
+                    values: noise.ar1(30, 0.0),
                 })
                 .collect();
             let mut counts = Counts {
@@ -480,13 +480,13 @@ mod tests {
                 .map(|window| Sample {
                     scenario: ["a", "b", "c"][window as usize / 4].to_owned(),
                     window,
-                    first_period: 1,
-                    errors_m: noise.ar1(60, 0.9),
+                    first_value: 1,
+                    values: noise.ar1(60, 0.9),
                 })
                 .collect();
             let model = Model::of(&samples).unwrap();
-            above += u32::from(model.between_m > 0.0);
-            beyond += u32::from(model.between_low_m > 0.0);
+            above += u32::from(model.between > 0.0);
+            beyond += u32::from(model.between_low > 0.0);
         }
         // Above and below alike; by Geyer's time it was above in 94 of 100. The interval takes what values give to be known, so that
         // it leaves out 0 in a tenth.

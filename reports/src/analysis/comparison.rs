@@ -95,7 +95,7 @@ impl<'a> From<&'a Sample> for WindowValues<'a> {
         Self {
             scenario: &sample.scenario,
             window: sample.window,
-            values: Cow::Borrowed(&sample.errors_m),
+            values: Cow::Borrowed(&sample.values),
         }
     }
 }

@@ -44,7 +44,7 @@ pub struct Conclusion {
     /// p adjusted by Holm's method for all conclusions of the report.
     pub p_holm: f64,
     /// By how much the second's window means are larger, m.
-    pub shift_m: Estimate,
+    pub shift: Estimate,
 }
 
 /// The windows that are alike in all that is held fixed.
@@ -62,14 +62,14 @@ pub struct Stratum {
     /// Windows of the second value.
     pub m: usize,
     /// By how much the second's window means are larger, m.
-    pub shift_m: f64,
+    pub shift: f64,
 }
 
 /// A stratum with the levels of its windows, those of the first value before those of the second.
 #[derive(Debug, Clone)]
 struct Levels {
     stratum: Stratum,
-    levels_m: Vec<f64>,
+    levels: Vec<f64>,
 }
 
 /// Compares every two values of `virtualization`, and of `os`, that have windows in a stratum in common. Strata with scenarios
@@ -85,7 +85,7 @@ pub fn conclusions(
         .iter()
         .map(|scenario| {
             let own = samples.iter().filter(|sample| sample.scenario == scenario.id);
-            let windows: Vec<&[f64]> = own.map(|sample| sample.errors_m.as_slice()).collect();
+            let windows: Vec<&[f64]> = own.map(|sample| sample.values.as_slice()).collect();
             (scenario, effect::levels(&windows))
         })
         .filter(|(_, levels)| !levels.is_empty())
@@ -133,7 +133,7 @@ impl Conclusion {
             none if none.is_empty() && axis == OS => (strata(&[HARDWARE]), true),
             found => (found, false),
         };
-        let (test, shift_m) = stratified(&found, Effort::of_a_report(seed))?;
+        let (test, shift) = stratified(&found, Effort::of_a_report(seed))?;
         let strata: Vec<Stratum> = found.into_iter().map(|it| it.stratum).collect();
         Some(Self {
             axis,
@@ -144,7 +144,7 @@ impl Conclusion {
             strata,
             p_holm: test.p,
             test,
-            shift_m,
+            shift,
         })
     }
 }
@@ -196,9 +196,9 @@ fn strata(
                 b: ids(&b),
                 n: of_a.len(),
                 m: of_b.len(),
-                shift_m: mean(&of_b) - mean(&of_a),
+                shift: mean(&of_b) - mean(&of_a),
             },
-            levels_m: [of_a, of_b].concat(),
+            levels: [of_a, of_b].concat(),
         })
     };
     names.into_iter().filter_map(stratum).collect()
@@ -213,8 +213,8 @@ fn stratified(strata: &[Levels], effort: Effort) -> Option<(PermutationTest, Est
     let centred: Vec<f64> = strata
         .iter()
         .flat_map(|it| {
-            let centre = mean(&it.levels_m);
-            it.levels_m.iter().map(move |level| level - centre)
+            let centre = mean(&it.levels);
+            it.levels.iter().map(move |level| level - centre)
         })
         .collect();
     let moved: Vec<f64> = sizes
@@ -319,9 +319,9 @@ mod tests {
                 b: vec!["b".to_owned()],
                 n: a.len(),
                 m: b.len(),
-                shift_m: mean(b) - mean(a),
+                shift: mean(b) - mean(a),
             },
-            levels_m: [a, b].concat(),
+            levels: [a, b].concat(),
         }
     }
 
@@ -340,16 +340,16 @@ mod tests {
             ),
             stratum("arm64 ubuntu", &[0.110, 0.112], &[0.1085, 0.1105, 0.109]),
         ];
-        let (test, shift_m) = stratified(&strata, EFFORT).unwrap();
+        let (test, shift) = stratified(&strata, EFFORT).unwrap();
         assert_eq!((test.coverage, test.labellings), (Coverage::Exact, 700));
         close(test.p, 27.0 / 700.0);
-        close(shift_m.value, -1.953_125e-3);
-        let interval = shift_m.interval.unwrap();
+        close(shift.value, -1.953_125e-3);
+        let interval = shift.interval.unwrap();
         close(interval.low, -3.75e-3);
         close(interval.high, -0.208_333_33e-3);
         let strata = strata.map(|it| it.stratum);
         assert_eq!(smallest_p(&strata, &test), 1.0 / 700.0);
-        close(strata[0].shift_m, -2.125e-3);
+        close(strata[0].shift, -2.125e-3);
     }
 
     #[test]
@@ -379,11 +379,11 @@ mod tests {
 
     #[test]
     fn a_shift_of_nothing_and_too_few_windows_have_no_interval() {
-        let (test, shift_m) = stratified(&[stratum("", &[1.0; 3], &[1.0; 3])], EFFORT).unwrap();
-        assert_eq!((test.p, shift_m.value, shift_m.interval), (1.0, 0.0, None));
-        let (test, shift_m) = stratified(&[stratum("", &[1.0, 2.0], &[8.0, 9.0])], EFFORT).unwrap();
+        let (test, shift) = stratified(&[stratum("", &[1.0; 3], &[1.0; 3])], EFFORT).unwrap();
+        assert_eq!((test.p, shift.value, shift.interval), (1.0, 0.0, None));
+        let (test, shift) = stratified(&[stratum("", &[1.0, 2.0], &[8.0, 9.0])], EFFORT).unwrap();
         close(test.p, 2.0 / 6.0);
-        assert_eq!(shift_m.interval, None);
+        assert_eq!(shift.interval, None);
         assert_eq!(stratified(&[], EFFORT), None);
     }
 
@@ -394,10 +394,10 @@ mod tests {
             stratum("", &levels(0.0), &levels(9.0)),
             stratum("", &levels(1.0), &levels(10.0)),
         ];
-        let (test, shift_m) = stratified(&strata, EFFORT).unwrap();
+        let (test, shift) = stratified(&strata, EFFORT).unwrap();
         assert_eq!((test.coverage, test.labellings), (Coverage::MonteCarlo, 10_000));
         assert!(test.p < 0.001, "{}", test.p);
-        let interval = shift_m.interval.unwrap();
+        let interval = shift.interval.unwrap();
         assert!(interval.low > 6.0 && interval.low < 9.0 && interval.high > 9.0 && interval.high < 12.0);
         assert_eq!(smallest_p(&strata.map(|it| it.stratum), &test), 1e-4);
     }

@@ -2,7 +2,7 @@
 //! be said of it after all pairs of the family are counted. It stands beside the paper's counts. The main type is
 //! [`Contrasts`].
 
-use record::{family::Family, quantity::Length, report_settings::ReportSettings};
+use record::{family::Family, report_settings::ReportSettings};
 use statistics::{
     block_permutation::BlockCount,
     effect::{self, Effect, Interval},
@@ -60,7 +60,7 @@ pub struct Contrast {
     pub effect: Effect,
     /// The shifts of the mean level that are not rejected, m: an interval that holds for all pairs of the family at once, with
     /// [`Contrasts::simultaneous_confidence`] in each. None where so few windows cannot have it.
-    pub simultaneous_m: Option<Interval>,
+    pub simultaneous: Option<Interval>,
     /// p adjusted by Holm's method.
     pub p_holm: f64,
     /// p adjusted by Benjamini and Yekutieli's method.
@@ -99,16 +99,15 @@ struct Evidence {
     smallest_p_holm: f64,
     /// Of equal means, by Holm's method; none where it cannot be tested.
     p_shift_holm: Option<f64>,
-    /// An interval of the shift that holds for all pairs at once, m.
-    simultaneous_m: Option<Interval>,
+    /// An interval of the shift that holds for all pairs at once.
+    simultaneous: Option<Interval>,
 }
 
 impl Verdict {
     /// Statements that two scenarios differ are by Holm's p, and those on the margin by the simultaneous interval: in a family with
     /// any number of pairs the chance of an untrue statement of either kind is at most α.
-    fn of(evidence: &Evidence, alpha: f64, equivalence_margin: Option<Length>) -> Self {
-        let limit = equivalence_margin.map(Length::metres);
-        let interval = evidence.simultaneous_m;
+    fn of(evidence: &Evidence, alpha: f64, limit: Option<f64>) -> Self {
+        let interval = evidence.simultaneous;
         let within = |limit: f64| interval.is_some_and(|i| i.low > -limit && i.high < limit);
         let beyond = |limit: f64| interval.is_some_and(|i| i.low > limit || i.high < -limit);
         let differ = evidence.p_holm < alpha;
@@ -151,12 +150,13 @@ const VALUES_WALKED: u64 = 1_000_000_000;
 const MOST_BLOCK_PAIRS: usize = 2_000;
 
 impl Contrasts {
-    /// Compares the pairs of letters that belong to the family.
+    /// Compares the pairs of letters that belong to the family. The margin is in the unit of the samples.
     #[must_use]
     pub fn of(
         pairs: &[(impl AsRef<str>, impl AsRef<str>)],
         samples: &[Sample],
         settings: &ReportSettings,
+        equivalence_margin: Option<f64>,
     ) -> Self {
         let scenarios = Scenario::all(samples);
         let find = |letter: &str| scenarios.iter().find(|scenario| scenario.letter == letter);
@@ -181,7 +181,12 @@ impl Contrasts {
         let levels: Vec<&[f64]> = scenarios.iter().map(|it| it.levels.as_slice()).collect();
         Self {
             family: settings.family.clone(),
-            pairs: adjusted(tested, max_t.as_ref(), &work, settings),
+            pairs: adjusted(
+                tested,
+                max_t.as_ref(),
+                &work,
+                (settings.alpha, equivalence_margin),
+            ),
             without_data,
             too_few_draws,
             max_t,
@@ -211,7 +216,7 @@ fn simultaneous_confidence(pairs: usize, alpha: f64) -> f64 {
 /// A scenario with a window that counts and has values.
 struct Scenario<'a> {
     letter: &'a str,
-    /// The errors of each such window, in metres.
+    /// The values of each such window.
     windows: Vec<&'a [f64]>,
     /// One for each of `windows`.
     levels: Vec<f64>,
@@ -222,7 +227,7 @@ impl<'a> Scenario<'a> {
     fn all(samples: &'a [Sample]) -> Vec<Self> {
         let mut all: Vec<Self> = Vec::new();
         for sample in samples {
-            let Some(level) = effect::level(&sample.errors_m) else {
+            let Some(level) = effect::level(&sample.values) else {
                 continue;
             };
             let at = all.iter().position(|scenario| scenario.letter == sample.scenario);
@@ -235,7 +240,7 @@ impl<'a> Scenario<'a> {
                 all.len() - 1
             });
             if let Some(scenario) = all.get_mut(at) {
-                scenario.windows.push(&sample.errors_m);
+                scenario.windows.push(&sample.values);
                 scenario.levels.push(level);
             }
         }
@@ -302,7 +307,7 @@ struct Tested<'a> {
     p_shift: Option<f64>,
     /// The draws of that test; none if all its labellings were looked at.
     shift_draws: Option<u64>,
-    simultaneous_m: Option<Interval>,
+    simultaneous: Option<Interval>,
     effect: Effect,
 }
 
@@ -323,7 +328,7 @@ impl<'a> Tested<'a> {
                 .as_ref()
                 .filter(|shift| shift.coverage == Coverage::MonteCarlo)
                 .map(MeanShift::looked_at),
-            simultaneous_m: shift.as_ref().and_then(|shift| shift.interval(confidence)),
+            simultaneous: shift.as_ref().and_then(|shift| shift.interval(confidence)),
             effect: Effect::of(&a.windows, &b.windows, shift.as_ref())?,
             a,
             b,
@@ -377,7 +382,7 @@ fn adjusted(
     tested: Vec<Tested<'_>>,
     max_t: Option<&MaxT>,
     work: &Work,
-    settings: &ReportSettings,
+    (alpha, equivalence_margin): (f64, Option<f64>),
 ) -> Vec<Contrast> {
     let of_each = |p: &dyn Fn(&Tested<'_>) -> f64| Vec::from_iter(tested.iter().map(p));
     let raw = of_each(&|pair| pair.level.p);
@@ -407,7 +412,7 @@ fn adjusted(
             p_holm: adjusted.p_holm,
             smallest_p_holm: adjusted.smallest_p_holm,
             p_shift_holm,
-            simultaneous_m: pair.simultaneous_m,
+            simultaneous: pair.simultaneous,
         };
         Contrast {
             a: pair.a.letter.to_owned(),
@@ -417,14 +422,14 @@ fn adjusted(
             p_holm: adjusted.p_holm,
             p_benjamini_yekutieli: adjusted.p_benjamini_yekutieli,
             p_max_t: adjusted.p_max_t,
-            verdict: Verdict::of(&evidence, settings.alpha, settings.equivalence_margin),
+            verdict: Verdict::of(&evidence, alpha, equivalence_margin),
             level: pair.level,
             shape: pair.shape,
             blocks: pair.blocks,
             p_shift: pair.p_shift,
             p_shift_holm,
             effect: pair.effect,
-            simultaneous_m: pair.simultaneous_m,
+            simultaneous: pair.simultaneous,
         }
     };
     tested.into_iter().zip(adjusted).map(pair).collect()
@@ -434,14 +439,20 @@ fn adjusted(
 mod tests {
     use rstest::rstest;
 
+    use record::quantity::Length;
+
     use super::*;
 
-    fn sample(scenario: &str, window: u32, errors_m: &[f64]) -> Sample {
+    fn margin(settings: &ReportSettings) -> Option<f64> {
+        settings.equivalence_margin.map(Length::metres)
+    }
+
+    fn sample(scenario: &str, window: u32, values: &[f64]) -> Sample {
         Sample {
             scenario: scenario.to_owned(),
             window,
-            first_period: 1,
-            errors_m: errors_m.to_vec(),
+            first_value: 1,
+            values: values.to_vec(),
         }
     }
 
@@ -453,7 +464,7 @@ mod tests {
             samples.push(sample("b", window, &[0.25 + noise, 0.26]));
             samples.push(sample("c", window, &[0.2 + noise, 0.2101]));
         }
-        Contrasts::of(pairs, &samples, settings)
+        Contrasts::of(pairs, &samples, settings, margin(settings))
     }
 
     #[test]
@@ -509,7 +520,7 @@ mod tests {
             levels("c", &[0.90, 0.91, 0.92, 0.93, 0.94, 0.95, 0.96, 0.97]),
         ]
         .concat();
-        let contrasts = Contrasts::of(&[("a", "b"), ("a", "c")], &samples, &settings);
+        let contrasts = Contrasts::of(&[("a", "b"), ("a", "c")], &samples, &settings, margin(&settings));
         assert_eq!(contrasts.pairs[0].verdict, verdict, "{:?}", contrasts.pairs[0]);
         assert_eq!(contrasts.pairs[1].verdict, Verdict::Differ);
     }
@@ -530,7 +541,7 @@ mod tests {
             ),
         ]
         .concat();
-        let contrasts = Contrasts::of(&[("a", "b")], &samples, &settings);
+        let contrasts = Contrasts::of(&[("a", "b")], &samples, &settings, margin(&settings));
         let pair = &contrasts.pairs[0];
         assert!(
             pair.p_holm < 0.01 && pair.p_shift_holm.unwrap() > 0.05,
@@ -563,28 +574,28 @@ mod tests {
             ("b", "e"),
             ("c", "d"),
         ];
-        let alone = Contrasts::of(&pairs[..1], &samples, &settings);
-        let together = Contrasts::of(&pairs, &samples, &settings);
+        let alone = Contrasts::of(&pairs[..1], &samples, &settings, margin(&settings));
+        let together = Contrasts::of(&pairs, &samples, &settings, margin(&settings));
         assert_eq!(
             alone.pairs[0].verdict,
             Verdict::Immaterial,
             "{:?}",
-            alone.pairs[0].simultaneous_m
+            alone.pairs[0].simultaneous
         );
         assert_eq!(
             together.pairs[0].verdict,
             Verdict::NotToldApart,
             "{:?}",
-            together.pairs[0].simultaneous_m
+            together.pairs[0].simultaneous
         );
-        assert_eq!(alone.pairs[0].effect.shift_m, together.pairs[0].effect.shift_m);
+        assert_eq!(alone.pairs[0].effect.shift, together.pairs[0].effect.shift);
         assert_eq!(together.simultaneous_confidence(&settings), 1.0 - 0.05 / 8.0);
         let strict = ReportSettings {
             alpha: 0.001,
             ..settings
         };
         assert_eq!(
-            Contrasts::of(&pairs[..1], &samples, &strict).pairs[0].verdict,
+            Contrasts::of(&pairs[..1], &samples, &strict, margin(&strict)).pairs[0].verdict,
             Verdict::NotToldApart
         );
     }
@@ -605,6 +616,7 @@ mod tests {
                 alpha: 0.0001,
                 ..ReportSettings::default()
             },
+            None,
         );
         for pair in &contrasts.pairs {
             assert_eq!(pair.verdict, Verdict::Differ, "{pair:?}");
@@ -637,7 +649,7 @@ mod tests {
                 alpha,
                 ..ReportSettings::default()
             };
-            Contrasts::of(&[("a", "b")], &samples, &settings).too_few_draws
+            Contrasts::of(&[("a", "b")], &samples, &settings, margin(&settings)).too_few_draws
         };
         assert_eq!(of(0.001), None);
         // So few labellings there are not, but so few are drawn.
@@ -662,8 +674,8 @@ mod tests {
             samples.push(sample("b", window, &[0.25 + noise, 0.26]));
         }
         let settings = ReportSettings::default();
-        let alone = Contrasts::of(&[("a", "b")], &samples, &settings);
-        let beside = Contrasts::of(&[("x", "a"), ("a", "b")], &samples, &settings);
+        let alone = Contrasts::of(&[("a", "b")], &samples, &settings, margin(&settings));
+        let beside = Contrasts::of(&[("x", "a"), ("a", "b")], &samples, &settings, margin(&settings));
         assert_eq!(alone.pairs.len(), 1);
         assert_eq!(beside.pairs, alone.pairs);
         assert_eq!(beside.max_t, alone.max_t);
@@ -699,15 +711,15 @@ mod tests {
         #[case] p: f64,
         #[case] smallest: f64,
         #[case] shift: Interval,
-        #[case] margin_mm: Option<f64>,
+        #[case] margin: Option<f64>,
         #[case] verdict: Verdict,
     ) {
-        let margin = margin_mm.map(Length::from_millimetres);
+        let margin = margin.map(|margin_mm| margin_mm / 1e3);
         let evidence = Evidence {
             p_holm: p,
             smallest_p_holm: smallest,
             p_shift_holm: Some(p),
-            simultaneous_m: Some(shift),
+            simultaneous: Some(shift),
         };
         assert_eq!(Verdict::of(&evidence, 0.001, margin), verdict);
     }
@@ -722,7 +734,7 @@ mod tests {
             },
         );
         let pair = &contrasts.pairs[0];
-        assert!(pair.effect.shift_m.interval.is_some());
-        assert_eq!((pair.simultaneous_m, pair.verdict), (None, Verdict::CannotTell));
+        assert!(pair.effect.shift.interval.is_some());
+        assert_eq!((pair.simultaneous, pair.verdict), (None, Verdict::CannotTell));
     }
 }

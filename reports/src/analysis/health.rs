@@ -30,23 +30,26 @@ pub struct Health {
 }
 
 impl Health {
-    /// That of a scenario; none without a window that counts.
+    /// That of a scenario; none without a window that counts, and none of a command.
     #[must_use]
     pub fn of(scenario: &ScenarioRun) -> Option<Self> {
         let windows: Vec<_> = scenario.counted().collect();
-        if windows.is_empty() {
+        // A command has no schedule of ours.
+        if !windows.iter().any(|(_, record, _)| record.loops().is_some()) {
             return None;
         }
         let loops: Vec<&LoopRecord> = windows
             .iter()
-            .flat_map(|(_, record, _)| [&record.controller, &record.plant])
+            .filter_map(|(_, record, _)| record.loops())
+            .flat_map(|done| [&done.controller, &done.plant])
             .collect();
         let ages: Vec<f64> = windows
             .iter()
-            .filter_map(|(_, _, trace)| trace.mean_state_age_s)
+            .filter_map(|(_, _, data)| data.trace()?.mean_state_age_s)
             .collect();
-        let stale = windows.iter().map(|(_, record, _)| record.stale_steps).sum();
-        let control_steps = windows.iter().map(|(_, record, _)| record.steps_done).sum();
+        let done = || windows.iter().filter_map(|(_, record, _)| record.loops());
+        let stale = done().map(|done| done.stale_steps).sum();
+        let control_steps = done().map(|done| done.steps_done).sum();
         Some(Self {
             cpu_share: windows.iter().map(|(_, record, _)| record.cpu_share).sum::<f64>()
                 / windows.len() as f64,

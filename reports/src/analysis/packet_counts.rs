@@ -43,7 +43,7 @@ pub fn compared(
                 .map(|(window, sample)| WindowValues {
                     scenario: &sample.scenario,
                     window: sample.window,
-                    values: Cow::Owned(window.values(topic, quantity, sample.first_period)),
+                    values: Cow::Owned(window.values(topic, quantity, sample.first_value)),
                 })
                 .filter(|window| !window.values.is_empty())
                 .collect();

@@ -27,8 +27,8 @@ pub struct Explanation {
     pub a: String,
     /// Letter of the second.
     pub b: String,
-    /// Mean of the second's window means less that of the first's, in metres.
-    pub shift_m: f64,
+    /// Mean of the second's window means less that of the first's.
+    pub shift: f64,
     /// Every quantity that varies within windows, what goes with the largest part of the shift first.
     pub factors: Vec<Factor>,
 }
@@ -45,9 +45,9 @@ pub struct Factor {
     /// Correlation with the error within windows.
     pub correlation: f64,
     /// Metres of error for one unit, within windows.
-    pub slope_m: f64,
-    /// The part of the shift that goes with the difference, in metres.
-    pub part_m: Estimate,
+    pub slope: f64,
+    /// The part of the shift that goes with the difference.
+    pub part: Estimate,
 }
 
 impl Factor {
@@ -55,7 +55,7 @@ impl Factor {
     #[must_use]
     pub fn is_told(&self) -> bool {
         let beyond = |interval: Interval| interval.low > 0.0 || interval.high < 0.0;
-        self.part_m.interval.is_some_and(beyond)
+        self.part.interval.is_some_and(beyond)
     }
 }
 
@@ -92,14 +92,14 @@ pub fn explanations(
                 ));
             }
         }
-        factors.sort_by(|a, b| b.part_m.value.abs().total_cmp(&a.part_m.value.abs()));
+        factors.sort_by(|a, b| b.part.value.abs().total_cmp(&a.part.value.abs()));
         let mean_error_m = |windows: &[(&WindowTraffic, &Sample)]| {
-            mean(windows.iter().filter_map(|(_, sample)| level(&sample.errors_m)))
+            mean(windows.iter().filter_map(|(_, sample)| level(&sample.values)))
         };
         Some(Explanation {
             a: pair.a.clone(),
             b: pair.b.clone(),
-            shift_m: mean_error_m(&second)? - mean_error_m(&first)?,
+            shift: mean_error_m(&second)? - mean_error_m(&first)?,
             factors,
         })
     };
@@ -119,9 +119,9 @@ impl Sums {
     /// Over the periods that have both; none if none has.
     fn of(window: &WindowTraffic, sample: &Sample, topic: Topic, quantity: Quantity) -> Option<Self> {
         let periods = window.direction(topic).periods.iter();
-        let counted = periods.skip(sample.first_period.saturating_sub(1) as usize);
+        let counted = periods.skip(sample.first_value.saturating_sub(1) as usize);
         let both: Vec<(f64, f64)> = counted
-            .zip(&sample.errors_m)
+            .zip(&sample.values)
             .filter_map(|(period, error_m)| Some((quantity.of(period)?, *error_m)))
             .collect();
         let mean_x = mean(both.iter().map(|(x, _)| *x))?;
@@ -155,7 +155,7 @@ fn factor(topic: Topic, quantity: Quantity, a: &[Sums], b: &[Sums], seed: u64) -
                 drawn.filter_map(|at| from.get(at).copied()).collect()
             };
             let (a, b) = (draw(a), draw(b));
-            parts.extend(Fit::of(a.into_iter(), b.into_iter()).map(|fit| fit.part_m()));
+            parts.extend(Fit::of(a.into_iter(), b.into_iter()).map(|fit| fit.part()));
         }
         percentiles(parts, tail)
     });
@@ -164,16 +164,16 @@ fn factor(topic: Topic, quantity: Quantity, a: &[Sums], b: &[Sums], seed: u64) -
         quantity,
         difference: found.difference,
         correlation: found.correlation,
-        slope_m: found.slope_m,
-        part_m: Estimate {
-            value: found.part_m(),
+        slope: found.slope,
+        part: Estimate {
+            value: found.part(),
             interval,
         },
     })
 }
 
 struct Fit {
-    slope_m: f64,
+    slope: f64,
     correlation: f64,
     difference: f64,
 }
@@ -188,14 +188,14 @@ impl Fit {
         );
         let difference = mean(b.map(|sums| sums.mean))? - mean(a.map(|sums| sums.mean))?;
         (xx > 0.0 && yy > 0.0).then(|| Self {
-            slope_m: xy / xx,
+            slope: xy / xx,
             correlation: xy / (xx * yy).sqrt(),
             difference,
         })
     }
 
-    fn part_m(&self) -> f64 {
-        self.slope_m * self.difference
+    fn part(&self) -> f64 {
+        self.slope * self.difference
     }
 }
 
@@ -238,8 +238,8 @@ mod tests {
         let sample = Sample {
             scenario: "a".to_owned(),
             window: number,
-            first_period: 1,
-            errors_m: periods.iter().map(|(_, _, error_m)| *error_m).collect(),
+            first_value: 1,
+            values: periods.iter().map(|(_, _, error_m)| *error_m).collect(),
         };
         (traffic, sample)
     }
@@ -265,9 +265,9 @@ mod tests {
         let a = [window(1, &first), window(2, &first)];
         let b = [window(1, &second), window(2, &second)];
         let found = factor_of(&a, &b, Quantity::OneWayDelay).unwrap();
-        assert!((found.slope_m - 0.5).abs() < 1e-9, "{found:?}");
+        assert!((found.slope - 0.5).abs() < 1e-9, "{found:?}");
         assert!((found.difference - 0.010).abs() < 1e-9, "{found:?}");
-        assert!((found.part_m.value - 0.005).abs() < 1e-9, "{found:?}");
+        assert!((found.part.value - 0.005).abs() < 1e-9, "{found:?}");
         assert!(found.is_told());
     }
 
@@ -295,7 +295,7 @@ mod tests {
         };
         let (a, b) = (windows(0.020), windows(0.030));
         let delay = factor_of(&a, &b, Quantity::OneWayDelay).unwrap();
-        let interval = delay.part_m.interval.unwrap();
+        let interval = delay.part.interval.unwrap();
         assert!(interval.low < 0.005 && 0.005 < interval.high, "{delay:?}");
         assert!(delay.is_told() && delay.correlation > 0.9, "{delay:?}");
         let lost = factor_of(&a, &b, Quantity::Lost).unwrap();

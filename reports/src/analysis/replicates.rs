@@ -3,7 +3,7 @@
 
 use std::collections::BTreeMap;
 
-use record::{quantity::Length, report_settings::ReportSettings};
+use record::report_settings::ReportSettings;
 use statistics::{
     dependence::Dependence,
     effect::{self, Interval, median},
@@ -52,8 +52,8 @@ pub struct EnvironmentContrast {
     pub smallest_p: f64,
     /// p adjusted by Holm's method.
     pub p_holm: f64,
-    /// The mean shift from the first to the second, in metres.
-    pub shift_m: f64,
+    /// The mean shift from the first to the second.
+    pub shift: f64,
     /// Its interval, for all pairs of the family together at 1 − α where so many rounds can, and else with what they can; none for
     /// pairs that were not interleaved.
     pub interval: Option<Interval>,
@@ -72,7 +72,7 @@ pub struct ScenarioVariance {
     pub environments: usize,
     /// Windows that count.
     pub windows: usize,
-    /// In square metres: values within windows, windows within environments, environments.
+    /// In the square of the unit: values within windows, windows within environments, environments.
     pub components: Components,
 }
 
@@ -91,13 +91,15 @@ pub struct Advice {
 type Levels = BTreeMap<u32, Vec<f64>>;
 
 impl Replicates {
-    /// Those of a run, for the pairs of letters that belong to the family; none where each scenario has one environment.
+    /// Those of a run, for the pairs of letters that belong to the family; none where each scenario has one environment. The margin
+    /// is in the unit of the samples.
     #[must_use]
     pub fn of(
         run: &Run,
         pairs: &[(impl AsRef<str>, impl AsRef<str>)],
         samples: &[Sample],
         settings: &ReportSettings,
+        equivalence_margin: Option<f64>,
     ) -> Option<Self> {
         let is_replicated = |scenario: &ScenarioRun| scenario.planned.settings.environments > 1;
         if !run.scenarios.iter().any(is_replicated) {
@@ -120,7 +122,7 @@ impl Replicates {
         let (scenarios, trees): (Vec<_>, Vec<_>) = trees.into_iter().unzip();
         let together = Components::of(&trees);
         Some(Self {
-            pairs: judged(tested, settings),
+            pairs: judged(tested, settings, equivalence_margin),
             without,
             next_hour: together
                 .as_ref()
@@ -163,7 +165,7 @@ fn levels<'r>(run: &'r Run, samples: &[Sample]) -> BTreeMap<&'r str, Levels> {
     for scenario in &run.scenarios {
         let planned = &scenario.planned;
         let of_it = samples.iter().filter(|sample| sample.scenario == planned.id);
-        for (sample, level) in of_it.filter_map(|sample| Some((sample, effect::level(&sample.errors_m)?))) {
+        for (sample, level) in of_it.filter_map(|sample| Some((sample, effect::level(&sample.values)?))) {
             let rounds = all.entry(&planned.id).or_default();
             let round = planned.settings.round_of(sample.window);
             rounds.entry(round).or_default().push(level);
@@ -186,7 +188,7 @@ struct Tested<'a> {
     rounds: usize,
     test: PermutationTest,
     smallest_p: f64,
-    shift_m: f64,
+    shift: f64,
     /// What an interval is made of.
     interleaved: Option<Rounds>,
 }
@@ -216,7 +218,7 @@ impl<'a> Tested<'a> {
                 rounds: rounds.count(),
                 test: rounds.test(effort),
                 smallest_p: replicates::reachable_p(rounds.count(), effort),
-                shift_m: rounds.shift(),
+                shift: rounds.shift(),
                 interleaved: Some(rounds),
             });
         }
@@ -233,13 +235,17 @@ impl<'a> Tested<'a> {
             rounds: of_a.len().min(of_b.len()),
             test: permutation::mean_difference(&of_a, &of_b, effort)?,
             smallest_p: permutation::reachable_p(of_a.len(), of_b.len(), effort),
-            shift_m: effect::level(&of_b)? - effect::level(&of_a)?,
+            shift: effect::level(&of_b)? - effect::level(&of_a)?,
             interleaved: None,
         })
     }
 }
 
-fn judged(tested: Vec<Tested<'_>>, settings: &ReportSettings) -> Vec<EnvironmentContrast> {
+fn judged(
+    tested: Vec<Tested<'_>>,
+    settings: &ReportSettings,
+    equivalence_margin: Option<f64>,
+) -> Vec<EnvironmentContrast> {
     let raw: Vec<f64> = tested.iter().map(|pair| pair.test.p).collect();
     let adjusted = holm(&raw);
     let effort = Effort::of_a_report(settings.seed);
@@ -257,7 +263,13 @@ fn judged(tested: Vec<Tested<'_>>, settings: &ReportSettings) -> Vec<Environment
         }
         let can_reach = holm(&at_best).get(at).is_some_and(|p| *p < settings.alpha);
         EnvironmentContrast {
-            verdict: verdict(p_holm, can_reach, interval.filter(|_| is_simultaneous), settings),
+            verdict: verdict(
+                p_holm,
+                can_reach,
+                interval.filter(|_| is_simultaneous),
+                settings.alpha,
+                equivalence_margin,
+            ),
             a: pair.a.to_owned(),
             b: pair.b.to_owned(),
             rounds: pair.rounds,
@@ -265,7 +277,7 @@ fn judged(tested: Vec<Tested<'_>>, settings: &ReportSettings) -> Vec<Environment
             test: pair.test,
             smallest_p: pair.smallest_p,
             p_holm,
-            shift_m: pair.shift_m,
+            shift: pair.shift,
             interval,
             is_simultaneous,
         }
@@ -275,15 +287,20 @@ fn judged(tested: Vec<Tested<'_>>, settings: &ReportSettings) -> Vec<Environment
 }
 
 /// By Holm's p, and by an interval that holds for all pairs together: what is said of size has the level α in the family too.
-fn verdict(p_holm: f64, can_reach: bool, shift: Option<Interval>, settings: &ReportSettings) -> Verdict {
-    let margin = settings.equivalence_margin.map(Length::metres);
+fn verdict(
+    p_holm: f64,
+    can_reach: bool,
+    shift: Option<Interval>,
+    alpha: f64,
+    margin: Option<f64>,
+) -> Verdict {
     let within = |margin: f64| shift.is_some_and(|shift| shift.low > -margin && shift.high < margin);
     let beyond = |margin: f64| shift.is_some_and(|shift| shift.low > margin || shift.high < -margin);
     match margin {
         Some(margin) if within(margin) => Verdict::Immaterial,
-        Some(margin) if p_holm < settings.alpha && beyond(margin) => Verdict::DifferMaterially,
-        Some(_) if p_holm < settings.alpha => Verdict::DifferByUnknown,
-        None if p_holm < settings.alpha => Verdict::Differ,
+        Some(margin) if p_holm < alpha && beyond(margin) => Verdict::DifferMaterially,
+        Some(_) if p_holm < alpha => Verdict::DifferByUnknown,
+        None if p_holm < alpha => Verdict::Differ,
         _ if can_reach => Verdict::NotToldApart,
         _ => Verdict::CannotTell,
     }
@@ -293,12 +310,12 @@ fn verdict(p_holm: f64, can_reach: bool, shift: Option<Interval>, settings: &Rep
 fn variance(scenario: &ScenarioRun, samples: &[Sample]) -> Option<(ScenarioVariance, Nested)> {
     let planned = &scenario.planned;
     let of_it = || samples.iter().filter(|sample| sample.scenario == planned.id);
-    let windows: Vec<&[f64]> = of_it().map(|sample| sample.errors_m.as_slice()).collect();
+    let windows: Vec<&[f64]> = of_it().map(|sample| sample.values.as_slice()).collect();
     // Values that follow each other in a window are worth fewer than they are.
     let time = Dependence::of(&windows).map_or(1.0, |dependence| dependence.time);
     let mut rounds: BTreeMap<u32, Vec<Nested>> = BTreeMap::new();
     for sample in of_it() {
-        if let Some(leaf) = Leaf::of(&sample.errors_m, time) {
+        if let Some(leaf) = Leaf::of(&sample.values, time) {
             let round = planned.settings.round_of(sample.window);
             rounds.entry(round).or_default().push(Nested::Leaf(leaf));
         }
@@ -364,22 +381,18 @@ mod tests {
     #[case::reached(1e-4, true, interval(0.001, 0.003), None, Verdict::Differ)]
     #[case::missed(0.2, true, interval(-0.001, 0.003), None, Verdict::NotToldApart)]
     #[case::hopeless(0.2, false, interval(-0.001, 0.003), None, Verdict::CannotTell)]
-    #[case::matters(1e-4, true, interval(0.003, 0.005), Some(2.0), Verdict::DifferMaterially)]
-    #[case::open(1e-4, true, interval(0.001, 0.005), Some(2.0), Verdict::DifferByUnknown)]
-    #[case::small(0.2, true, interval(-0.001, 0.001), Some(2.0), Verdict::Immaterial)]
-    #[case::of_less_confidence(0.2, false, None, Some(2.0), Verdict::CannotTell)]
+    #[case::matters(1e-4, true, interval(0.003, 0.005), Some(0.002), Verdict::DifferMaterially)]
+    #[case::open(1e-4, true, interval(0.001, 0.005), Some(0.002), Verdict::DifferByUnknown)]
+    #[case::small(0.2, true, interval(-0.001, 0.001), Some(0.002), Verdict::Immaterial)]
+    #[case::of_less_confidence(0.2, false, None, Some(0.002), Verdict::CannotTell)]
     fn what_is_said_of_size_is_said_by_an_interval_for_the_whole_family(
         #[case] p_holm: f64,
         #[case] can_reach: bool,
         #[case] shift: Option<Interval>,
-        #[case] margin_mm: Option<f64>,
+        #[case] margin: Option<f64>,
         #[case] expected: Verdict,
     ) {
-        let settings = ReportSettings {
-            equivalence_margin: margin_mm.map(Length::from_millimetres),
-            ..ReportSettings::default()
-        };
-        assert_eq!(verdict(p_holm, can_reach, shift, &settings), expected);
+        assert_eq!(verdict(p_holm, can_reach, shift, 0.001, margin), expected);
     }
 
     fn pair<'a>(a: &'a str, b: &'a str, differences: &[f64]) -> Tested<'a> {
@@ -390,7 +403,7 @@ mod tests {
             rounds: rounds.count(),
             test: rounds.test(Effort::of_a_report(1)),
             smallest_p: replicates::reachable_p(rounds.count(), Effort::of_a_report(1)),
-            shift_m: rounds.shift(),
+            shift: rounds.shift(),
             interleaved: Some(rounds),
         }
     }
@@ -404,10 +417,18 @@ mod tests {
             alpha: 0.05,
             ..ReportSettings::default()
         };
-        let with_clear = judged(vec![pair("a", "b", &clear), pair("a", "c", &near)], &settings);
+        let with_clear = judged(
+            vec![pair("a", "b", &clear), pair("a", "c", &near)],
+            &settings,
+            None,
+        );
         assert_eq!(with_clear[0].verdict, Verdict::Differ);
         assert_eq!(with_clear[1].verdict, Verdict::NotToldApart);
-        let with_another = judged(vec![pair("a", "b", &near), pair("a", "c", &near)], &settings);
+        let with_another = judged(
+            vec![pair("a", "b", &near), pair("a", "c", &near)],
+            &settings,
+            None,
+        );
         assert_eq!(with_another[0].verdict, Verdict::CannotTell);
     }
 }

@@ -2,16 +2,20 @@
 //! packets show. [`Report::present`] makes remarks and tables of it. The main type is [`Report`], made by [`analyse`].
 
 use captures::traffic::Traffic;
-use record::{family::Member, report_settings::ReportSettings, run_directory::Difference};
+use record::{
+    experiment::Compare, family::Member, report_settings::ReportSettings, run_directory::Difference,
+};
 
 use crate::{
     analysis::{
+        agreement::Agreement,
         comparison::{Comparisons, FrameError, Tally, compare},
         conclusion::{Conclusion, conclusions},
         contrast::{Contrasts, Verdict},
         packet_counts::{self, TrafficTally},
         packet_explanations::{self, Explanation},
         pairs::Pairs,
+        quantity::Quantity,
         replicates::Replicates,
         sample::{Sample, samples},
         scenario::{ScenarioReport, scenario_report},
@@ -31,6 +35,14 @@ pub struct Report {
     pub parts: Vec<RunPart>,
     /// How samples were taken and compared.
     pub settings: ReportSettings,
+    /// What the samples are of: the first metric whose distributions are compared, or the first one.
+    pub quantity: Quantity,
+    /// The names of all metrics, in the order of the matrix file.
+    pub metrics: Vec<String>,
+    /// The metrics that are compared byte for byte.
+    pub agreements: Vec<Agreement>,
+    /// The reports of the other metrics whose distributions are compared; each has none itself, and neither packets nor agreements.
+    pub others: Vec<Report>,
     /// Every scenario of the plan, in letter order.
     pub scenarios: Vec<ScenarioReport>,
     /// The samples, by scenario and window.
@@ -61,8 +73,8 @@ pub struct Report {
     pub faults: Vec<String>,
 }
 
-/// Compares every window of a run with every other and counts the rejections. Pure: the same run, traffic and settings give the
-/// same report.
+/// Compares every window of a run with every other in each metric, and counts the rejections. Pure: the same run, traffic and
+/// settings give the same report.
 #[must_use]
 pub fn analyse(run: &Run, traffic: Traffic, settings: &ReportSettings) -> Report {
     // Of the positions that the logs were read for.
@@ -70,18 +82,34 @@ pub fn analyse(run: &Run, traffic: Traffic, settings: &ReportSettings) -> Report
         error: run.error,
         ..settings.clone()
     };
-    let samples = samples(run, settings);
+    let quantities = Quantity::of_run(run, settings);
+    let first = Quantity::main(&quantities, settings);
+    let others: Vec<Report> = quantities
+        .iter()
+        .filter(|it| it.compare == Compare::Ks && it.name != first.name)
+        .map(|quantity| of_a_metric(run, quantity.clone(), Traffic::default(), settings))
+        .collect();
+    Report {
+        metrics: quantities.iter().map(|it| it.name.clone()).collect(),
+        agreements: Agreement::all(run, &quantities),
+        others,
+        ..of_a_metric(run, first, traffic, settings)
+    }
+}
+
+fn of_a_metric(run: &Run, quantity: Quantity, traffic: Traffic, settings: &ReportSettings) -> Report {
+    let samples = samples(run, settings, &quantity);
     let mut faults = Vec::new();
     let (comparisons, tallies) = or_fault(compare(&samples, settings), &mut faults);
     let scenarios: Vec<ScenarioReport> = run
         .scenarios
         .iter()
-        .map(|scenario| scenario_report(scenario, settings, &samples))
+        .map(|scenario| scenario_report(scenario, settings, &quantity, &samples))
         .collect();
     let setup_differences = Pairs::new(SetupDifference::all(&run.scenarios));
     let pairs = family_pairs(&scenarios, &setup_differences, settings);
-    let mut contrasts = Contrasts::of(&pairs, &samples, settings);
-    let replicates = Replicates::of(run, &pairs, &samples, settings);
+    let mut contrasts = Contrasts::of(&pairs, &samples, settings, quantity.equivalence_margin);
+    let replicates = Replicates::of(run, &pairs, &samples, settings, quantity.equivalence_margin);
     if let Some(replicates) = &replicates {
         // Windows of one environment are not independent: where there are several, environments decide.
         for pair in &mut contrasts.pairs {
@@ -94,6 +122,9 @@ pub fn analyse(run: &Run, traffic: Traffic, settings: &ReportSettings) -> Report
         created: run.manifest.created.clone(),
         parts: run.parts.clone(),
         settings: settings.clone(),
+        metrics: vec![quantity.name.clone()],
+        agreements: Vec::new(),
+        others: Vec::new(),
         traffic_tallies: or_fault(packet_counts::compared(&traffic, &samples, settings), &mut faults),
         explanations: packet_explanations::explanations(&contrasts.pairs, &samples, &traffic, settings),
         traffic,
@@ -105,6 +136,7 @@ pub fn analyse(run: &Run, traffic: Traffic, settings: &ReportSettings) -> Report
         tallies: Pairs::new(tallies),
         samples,
         comparisons,
+        quantity,
         declared: run.manifest.report.clone(),
         reading: run.remarks.clone(),
         faults,

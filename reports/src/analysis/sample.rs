@@ -1,4 +1,4 @@
-//! The sample of a window: one error a period, in the metric of the settings. The main type is [`Sample`].
+//! The sample of a window: the values of one metric. The main type is [`Sample`].
 
 use record::{
     report_settings::{ReportSettings, WarmUp},
@@ -7,47 +7,75 @@ use record::{
 };
 use statistics::{effect, power::Spread, stationarity};
 
-use crate::input::run::Run;
+use crate::{
+    analysis::quantity::Quantity,
+    input::{
+        run::Run,
+        window_data::{MetricData, WindowData},
+    },
+};
 
-/// The period errors of one window that counts.
+/// The values of one window that counts.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Sample {
     /// The scenario's letter.
     pub scenario: String,
     /// The window, from 1.
     pub window: u32,
-    /// The number of the first period that is in it, from 1.
-    pub first_period: u32,
-    /// One error a period, in metres.
-    pub errors_m: Vec<f64>,
+    /// The number of the first value that is in it, from 1; of the ball on the plate a value is a period.
+    pub first_value: u32,
+    /// Never empty, and in the unit of the metric.
+    pub values: Vec<f64>,
 }
 
-/// The samples of a run, by scenario and window. A window of which no period is left gives none.
+/// The samples of a run, by scenario and window. A window of which no value is left gives none.
 #[must_use]
-pub fn samples(run: &Run, settings: &ReportSettings) -> Vec<Sample> {
+pub fn samples(run: &Run, settings: &ReportSettings, quantity: &Quantity) -> Vec<Sample> {
     run.scenarios
         .iter()
         .flat_map(|scenario| scenario.counted().map(move |counted| (scenario, counted)))
-        .map(|(scenario, (window, record, trace))| {
-            let left_out = left_out(record, trace, settings);
-            let counted = trace.periods.iter().skip(left_out as usize);
+        .map(|(scenario, (window, record, data))| {
+            let (left_out, values) = values(record, data, settings, quantity);
             Sample {
                 scenario: scenario.planned.id.clone(),
                 window,
-                first_period: left_out.saturating_add(1),
-                errors_m: counted.map(|period| settings.metric.of(period)).collect(),
+                first_value: left_out.saturating_add(1),
+                values,
             }
         })
-        .filter(|sample| !sample.errors_m.is_empty())
+        .filter(|sample| !sample.values.is_empty())
         .collect()
 }
 
-/// The spread of window levels within scenarios, pooled, in metres; none where no scenario has two windows.
+/// The values of a window, and how many before them are left out.
+fn values(
+    record: &WindowRecord,
+    data: &WindowData,
+    settings: &ReportSettings,
+    quantity: &Quantity,
+) -> (u32, Vec<f64>) {
+    match data {
+        WindowData::Ball(trace) if quantity.is_tracking_error => {
+            let left_out = left_out(record, trace, settings);
+            let counted = trace.periods.iter().skip(left_out as usize);
+            (
+                left_out,
+                counted.map(|period| settings.metric.of(period)).collect(),
+            )
+        }
+        data => match data.metric(&quantity.name) {
+            Some(MetricData::Values(values)) => (0, values.clone()),
+            _ => (0, Vec::new()),
+        },
+    }
+}
+
+/// The spread of window levels within scenarios, pooled; none where no scenario has two windows.
 #[must_use]
 pub fn spread_of_levels(samples: &[Sample]) -> Option<Spread> {
     let scenarios = samples.chunk_by(|a, b| a.scenario == b.scenario);
     Spread::pooled(scenarios.map(|of_one| -> Vec<f64> {
-        let levels = of_one.iter().map(|sample| effect::level(&sample.errors_m));
+        let levels = of_one.iter().map(|sample| effect::level(&sample.values));
         levels.flatten().collect()
     }))
 }
@@ -76,8 +104,8 @@ mod tests {
         let sample = |scenario: &str, level: f64| Sample {
             scenario: scenario.to_owned(),
             window: 1,
-            first_period: 1,
-            errors_m: vec![level],
+            first_value: 1,
+            values: vec![level],
         };
         let samples = [
             sample("a", 1.0),

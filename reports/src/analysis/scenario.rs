@@ -5,15 +5,18 @@ use std::fmt;
 
 use record::{
     axis::{NATIVE, VIRTUALIZATION, axis_text},
+    experiment::Compare,
     report_settings::ReportSettings,
     run_directory::{BrokenWindow, EnvironmentRecord, Outcome},
-    settings::{Dynamics, NetworkBackend},
     window::Verdict,
 };
 use serde_json::{Map, Value};
 
 use crate::{
-    analysis::{health::Health, sample::Sample, within::WithinWindows},
+    analysis::{
+        calls::Calls, health::Health, measured_experiment::MeasuredExperiment, quantity::Quantity,
+        sample::Sample, within::WithinWindows,
+    },
     input::run::{Ending, MissingWindow, ScenarioRun, Window, WindowState},
 };
 
@@ -26,12 +29,8 @@ pub struct ScenarioReport {
     pub slug: String,
     /// Axis to value.
     pub axes: Map<String, Value>,
-    /// How its network was to be made.
-    pub network: NetworkBackend,
-    /// Which rules plant, controller and messages followed.
-    pub dynamics: Dynamics,
-    /// The settings that were not as the dynamics has them, as dotted paths.
-    pub overridden: Vec<String>,
+    /// Which experiment it ran.
+    pub experiment: MeasuredExperiment,
     /// Whether it belongs to the baseline.
     pub is_baseline: bool,
     /// Whether its numbers were made up by the `fake` provider.
@@ -50,8 +49,10 @@ pub struct ScenarioReport {
     pub environment: Option<EnvironmentRecord>,
     /// What its values within windows have to do with each other; none without a window that counts.
     pub within: Option<WithinWindows>,
-    /// How well its platform held the schedule; none without a window that counts.
+    /// How well its platform held the schedule; none without a window that counts, and none of a command.
     pub health: Option<Health>,
+    /// What the calls of a command came to; none without a window that counts, and none of the ball on the plate.
+    pub calls: Option<Calls>,
 }
 
 /// How a scenario stands.
@@ -99,8 +100,10 @@ pub struct WindowReport {
     pub number: u32,
     /// `valid`, `suspect`, `invalid`, `broken` or `missing`.
     pub verdict: &'static str,
-    /// Values in its sample; 0 if it does not count.
+    /// Values in its sample; 0 if it has none.
     pub n: usize,
+    /// Whether it counts.
+    pub is_counted: bool,
     /// Why, if not valid.
     pub reasons: Vec<String>,
 }
@@ -129,7 +132,7 @@ impl ScenarioReport {
     /// Windows that count.
     #[must_use]
     pub fn windows_counted(&self) -> usize {
-        self.windows.iter().filter(|window| window.n > 0).count()
+        self.windows.iter().filter(|window| window.is_counted).count()
     }
 
     /// What to say of the windows that are not valid, a remark for each run of the same verdict for the same reasons;
@@ -148,7 +151,7 @@ impl ScenarioReport {
                     _ => format!("windows {} to {}", first.number, last.number),
                 },
                 verdict: first.verdict,
-                counted: first.n > 0,
+                counted: first.is_counted,
                 reasons: &first.reasons,
             })
         });
@@ -189,6 +192,7 @@ impl ScenarioReport {
 pub(super) fn scenario_report(
     scenario: &ScenarioRun,
     settings: &ReportSettings,
+    quantity: &Quantity,
     samples: &[Sample],
 ) -> ScenarioReport {
     let (standing, reason, hint) = standing(&scenario.ending);
@@ -197,15 +201,13 @@ pub(super) fn scenario_report(
         let sample = samples
             .iter()
             .find(|sample| sample.scenario == planned.id && sample.window == window);
-        sample.map_or(0, |sample| sample.errors_m.len())
+        sample.map_or(0, |sample| sample.values.len())
     };
     ScenarioReport {
         id: planned.id.clone(),
         slug: planned.slug.clone(),
         axes: planned.axes.clone(),
-        network: planned.settings.network.backend,
-        dynamics: planned.settings.dynamics,
-        overridden: planned.settings.overridden(),
+        experiment: MeasuredExperiment::of(&planned.settings),
         is_baseline: settings.is_baseline(planned),
         is_simulated: scenario.is_simulated(),
         standing,
@@ -214,12 +216,13 @@ pub(super) fn scenario_report(
         windows: scenario
             .windows
             .iter()
-            .map(|window| window_report(window, n(window.number)))
+            .map(|window| window_report(window, n(window.number), quantity.compare))
             .collect(),
         broken: scenario.broken.clone(),
         environment: scenario.environment.clone(),
         within: WithinWindows::of(scenario, samples, settings),
         health: Health::of(scenario),
+        calls: Calls::of(scenario),
     }
 }
 
@@ -253,7 +256,7 @@ fn standing(ending: &Ending) -> (Standing, Option<String>, Option<String>) {
     }
 }
 
-fn window_report(window: &Window, n: usize) -> WindowReport {
+fn window_report(window: &Window, n: usize, compare: Compare) -> WindowReport {
     let (verdict, mut reasons) = match &window.state {
         WindowState::Counted { record, .. } | WindowState::Invalid { record } => {
             (record.verdict.name(), record.reasons.clone())
@@ -261,13 +264,17 @@ fn window_report(window: &Window, n: usize) -> WindowReport {
         WindowState::Broken { reason } => ("broken", vec![reason.clone()]),
         WindowState::Missing { known } => ("missing", vec![words_for(*known).to_owned()]),
     };
-    if matches!(window.state, WindowState::Counted { .. }) && n == 0 {
+    let is_measured = matches!(window.state, WindowState::Counted { .. });
+    // A metric that is compared byte for byte has no values.
+    let is_left_out = compare == Compare::Ks && n == 0;
+    if is_measured && is_left_out {
         reasons.push("all its periods are left out".to_owned());
     }
     WindowReport {
         number: window.number,
         verdict,
         n,
+        is_counted: is_measured && !is_left_out,
         reasons,
     }
 }

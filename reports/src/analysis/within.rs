@@ -7,7 +7,10 @@ use statistics::{
     stationarity::{self, Stationarity, Unseen},
 };
 
-use crate::{analysis::sample::Sample, input::run::ScenarioRun};
+use crate::{
+    analysis::sample::Sample,
+    input::{run::ScenarioRun, window_data::WindowData},
+};
 
 /// Within the windows of one scenario that count.
 #[derive(Debug, Clone, PartialEq)]
@@ -60,26 +63,28 @@ impl WithinWindows {
         if samples.is_empty() {
             return None;
         }
-        let windows: Vec<&[f64]> = samples.iter().map(|sample| sample.errors_m.as_slice()).collect();
+        let windows: Vec<&[f64]> = samples.iter().map(|sample| sample.values.as_slice()).collect();
         let dependence = Dependence::of(&windows);
         let noise = stationarity::dependence_but_for_changes(&windows);
         let (mut cut, mut unsteady, mut unseen) = (Vec::new(), Vec::new(), Vec::new());
         for sample in &samples {
-            let Some((number, record, trace)) =
+            let Some((number, record, data)) =
                 scenario.counted().find(|(number, _, _)| *number == sample.window)
             else {
                 continue;
             };
-            let left_out = sample.first_period.saturating_sub(1);
+            let left_out = sample.first_value.saturating_sub(1);
             match left_out.saturating_sub(settings.discarded(record.starts_run)) {
                 0 => {}
                 periods => cut.push((number, periods)),
             }
-            let slices = trace
-                .slices_m
-                .get(left_out as usize * SLICES..)
-                .unwrap_or_default();
-            let found = Stationarity::of(slices, SLICES, &sample.errors_m, noise.as_ref(), settings.seed);
+            let (slices, per_value) = match data {
+                WindowData::Ball(trace) => (trace.slices_m.get(left_out as usize * SLICES..), SLICES),
+                // Nothing finer is known of a command than its values.
+                WindowData::Command(_) => (Some(sample.values.as_slice()), 1),
+            };
+            let slices = slices.unwrap_or_default();
+            let found = Stationarity::of(slices, per_value, &sample.values, noise.as_ref(), settings.seed);
             for (look, why) in Look::ALL
                 .into_iter()
                 .zip([found.warm_up_unseen, found.change_unseen])

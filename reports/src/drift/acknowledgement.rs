@@ -11,7 +11,7 @@
 //!     baseline: reset                     # nights before it are no longer held against those since; or `keep`
 //! ```
 
-use std::fmt;
+use std::{collections::BTreeSet, fmt};
 
 use serde::{Deserialize, Serialize};
 
@@ -34,8 +34,7 @@ pub struct Acknowledgements {
 pub struct Acknowledgement {
     /// The scenario's slug, or `*` for all.
     pub scenario: String,
-    /// The metric's name, or `*` for all.
-    #[cfg_attr(feature = "schema", schemars(schema_with = "metrics"))]
+    /// The metric's name, such as `error` or `provisioning`, or one of the experiment's own; or `*` for all.
     pub metric: String,
     /// The name of the first run with it.
     pub since: String,
@@ -81,18 +80,8 @@ pub fn schema() -> serde_json::Value {
     schema.to_value()
 }
 
-#[cfg(feature = "schema")]
-fn metrics(_: &mut schemars::SchemaGenerator) -> schemars::Schema {
-    let names: Vec<&str> = Metric::ALL
-        .iter()
-        .map(|metric| metric.name())
-        .chain(["*"])
-        .collect();
-    schemars::json_schema!({ "enum": names })
-}
-
 impl Acknowledgement {
-    fn is_of(&self, scenario: &str, metric: Metric) -> bool {
+    fn is_of(&self, scenario: &str, metric: &Metric) -> bool {
         let is = |wanted: &str, name: &str| wanted == "*" || wanted == name;
         is(&self.scenario, scenario) && is(&self.metric, metric.name())
     }
@@ -105,16 +94,8 @@ impl Acknowledgement {
     fn problem(&self) -> Option<String> {
         // It knows how many days months have.
         let is_day = humantime::parse_rfc3339(&format!("{}T00:00:00Z", self.expires)).is_ok();
-        let is_metric = self.metric == "*" || Metric::ALL.iter().any(|it| it.name() == self.metric);
         let what = if !is_day {
             format!("`expires: {}` is no day: write it as 2027-03-01", self.expires)
-        } else if !is_metric {
-            let names: Vec<&str> = Metric::ALL.iter().map(|metric| metric.name()).collect();
-            format!(
-                "`metric: {}` is none of {}, or `*`",
-                self.metric,
-                names.join(", ")
-            )
         } else if self.reason.trim().is_empty() || self.person.trim().is_empty() {
             "it has no reason or no person".to_owned()
         } else {
@@ -145,8 +126,20 @@ impl Acknowledgements {
             let mut all = nights.iter();
             slug == "*" || all.any(|night| night.scenarios.contains_key(slug))
         };
+        let metrics: BTreeSet<&str> = nights
+            .iter()
+            .flat_map(|night| night.scenarios.values())
+            .flat_map(|measured| measured.values.keys().map(Metric::name))
+            .collect();
         let what = |it: &Acknowledgement| {
-            if !has_scenario(&it.scenario) {
+            if !metrics.is_empty() && it.metric != "*" && !metrics.contains(it.metric.as_str()) {
+                let known: Vec<&str> = metrics.iter().copied().collect();
+                Some(format!(
+                    "the history follows no `{}`, but {}",
+                    it.metric,
+                    known.join(", ")
+                ))
+            } else if !has_scenario(&it.scenario) {
                 Some("there is no such scenario in the history".to_owned())
             } else if !has_run(&it.since) {
                 Some(format!("`since: {}` is no run of the history", it.since))
@@ -164,7 +157,7 @@ impl Acknowledgements {
         &self,
         nights: &[Night],
         scenario: &str,
-        metric: Metric,
+        metric: &Metric,
         run: &str,
     ) -> Option<&Acknowledgement> {
         self.holding(nights, scenario, metric).find(|it| it.since == run)
@@ -175,7 +168,7 @@ impl Acknowledgements {
         &self,
         nights: &[Night],
         scenario: &str,
-        metric: Metric,
+        metric: &Metric,
     ) -> impl Iterator<Item = (usize, &Acknowledgement)> {
         let all = self.holding(nights, scenario, metric);
         all.filter(|it| it.baseline == Baseline::Keep)
@@ -185,12 +178,16 @@ impl Acknowledgements {
     /// Whether somebody knows that a scenario is not measured any more: a run without it is acknowledged.
     pub(super) fn is_left_out(&self, nights: &[Night], scenario: &str) -> bool {
         let lacks = |night: &Night| !night.scenarios.contains_key(scenario);
-        self.holding(nights, scenario, Metric::TrackingError)
+        let metric = nights
+            .last()
+            .map(|night| night.metric.clone())
+            .unwrap_or_default();
+        self.holding(nights, scenario, &metric)
             .any(|it| nights.iter().any(|night| night.run == it.since && lacks(night)))
     }
 
     /// The first run that counts, where a change was accepted as what is usual now.
-    pub(super) fn begins(&self, nights: &[Night], scenario: &str, metric: Metric) -> Option<&str> {
+    pub(super) fn begins(&self, nights: &[Night], scenario: &str, metric: &Metric) -> Option<&str> {
         let all = self
             .holding(nights, scenario, metric)
             .filter(|it| it.baseline == Baseline::Reset);
@@ -202,7 +199,7 @@ impl Acknowledgements {
         &self,
         nights: &[Night],
         scenario: &str,
-        metric: Metric,
+        metric: &Metric,
     ) -> impl Iterator<Item = &Acknowledgement> {
         let day = nights
             .last()
@@ -228,7 +225,9 @@ mod tests {
                 run: format!("night-{day}"),
                 created: format!("2026-11-{day}T02:00:00.000Z"),
                 is_simulated: false,
+                metric: Metric::TrackingError,
                 equivalence_margin_m: None,
+                equivalence_margins: BTreeMap::new(),
                 scenarios: BTreeMap::new(),
             })
             .collect()
@@ -246,7 +245,7 @@ mod tests {
         }
     }
 
-    fn known_steps(all: &Acknowledgements, nights: &[Night], scenario: &str, metric: Metric) -> Vec<usize> {
+    fn known_steps(all: &Acknowledgements, nights: &[Night], scenario: &str, metric: &Metric) -> Vec<usize> {
         all.steps(nights, scenario, metric)
             .map(|(night, _)| night)
             .collect()
@@ -264,7 +263,7 @@ mod tests {
         let all = Acknowledgements {
             acknowledged: vec![known()],
         };
-        assert_eq!(known_steps(&all, &nights(), scenario, metric), known_at);
+        assert_eq!(known_steps(&all, &nights(), scenario, &metric), known_at);
     }
 
     #[test]
@@ -276,7 +275,7 @@ mod tests {
                 ..known()
             }],
         };
-        let metric = Metric::TrackingError;
+        let metric = &Metric::TrackingError;
         let nights = nights();
         let the_day_before = &nights[..19];
         let kept = expired(Baseline::Keep);
@@ -299,15 +298,14 @@ mod tests {
             acknowledged: vec![reset("night-18"), reset("night-12"), known()],
         };
         assert_eq!(
-            all.begins(&nights(), "b", Metric::TrackingError),
+            all.begins(&nights(), "b", &Metric::TrackingError),
             Some("night-18")
         );
-        assert_eq!(all.begins(&nights(), "b", Metric::Lateness), None);
+        assert_eq!(all.begins(&nights(), "b", &Metric::Lateness), None);
     }
 
     #[rstest]
     #[case(Acknowledgement { expires: "soon".to_owned(), ..known() }, "write it as 2027-03-01")]
-    #[case(Acknowledgement { metric: "speed".to_owned(), ..known() }, "none of error, state-age, packet-delay, lateness, provisioning")]
     #[case(Acknowledgement { person: " ".to_owned(), ..known() }, "no reason or no person")]
     fn a_wrong_one_is_told(#[case] wrong: Acknowledgement, #[case] says: &str) {
         let all = Acknowledgements {

@@ -54,7 +54,7 @@ pub fn judge(nights: &[Night], settings: &Settings) -> Drift {
             Ok(comparison) => judgement(series, &comparison, p, nights, settings),
             Err(verdict) => Judgement {
                 scenario: series.scenario.clone(),
-                metric: series.metric,
+                metric: series.metric.clone(),
                 verdict,
                 nights: series.points.len(),
                 findings: Vec::new(),
@@ -163,9 +163,9 @@ fn judgement(
             p,
             cause: Cause::between(last.measured, tonight.measured),
             acknowledged: known
-                .of_run(nights, &series.scenario, series.metric, tonight.run)
+                .of_run(nights, &series.scenario, &series.metric, tonight.run)
                 .cloned(),
-            immaterial: settings.is_immaterial(series.metric, tonight.level - level_before),
+            immaterial: settings.is_immaterial(&series.metric, tonight.level - level_before),
             withdrawn: None,
         });
     }
@@ -178,7 +178,7 @@ fn judgement(
     };
     Judgement {
         scenario: series.scenario.clone(),
-        metric: series.metric,
+        metric: series.metric.clone(),
         verdict,
         nights: series.points.len(),
         findings,

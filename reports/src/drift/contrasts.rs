@@ -25,12 +25,14 @@ use crate::analysis::setup::differing_settings;
 /// Pairs up to which every one is compared: those of some forty scenarios.
 const MOST_PAIRS: usize = 800;
 
-/// What nights show of the scenarios that the newest of them knows, by the tracking error.
+/// What nights show of the scenarios that the newest of them knows, in the metric that its experiment is about.
 #[derive(Debug, Clone, PartialEq)]
 pub struct NightContrasts {
+    /// The metric.
+    pub metric: Metric,
     /// Every two scenarios with the same experiment and a night in common, by slug.
     pub pairs: Vec<NightContrast>,
-    /// What windows of a night and nights add to the variance of all scenarios, each around its own mean, in square metres; none
+    /// What windows of a night and nights add to the variance of all scenarios, each around its own mean, in the square of the unit; none
     /// without two nights.
     pub components: Option<Components>,
     /// Pairs that were left out, since there are so many.
@@ -52,8 +54,8 @@ pub struct NightContrast {
     pub smallest_p: f64,
     /// p adjusted by Holm's method for all pairs.
     pub p_holm: f64,
-    /// The mean shift from the first to the second, in metres.
-    pub shift_m: f64,
+    /// The mean shift from the first to the second.
+    pub shift: f64,
     /// Its interval, for all pairs together at 1 − α where so many nights can.
     pub interval: Option<Interval>,
 }
@@ -66,6 +68,10 @@ impl NightContrasts {
         let known: Vec<(&String, &Measured)> = nights
             .last()
             .map_or_else(Vec::new, |newest| newest.scenarios.iter().collect());
+        let metric = nights
+            .last()
+            .map(|night| night.metric.clone())
+            .unwrap_or_default();
         let (mut found, mut left_out) = (Vec::new(), 0);
         for (at, (a, first)) in known.iter().enumerate() {
             let alike = known
@@ -73,7 +79,7 @@ impl NightContrasts {
                 .skip(at + 1)
                 .filter(|(_, second)| are_alike(first, second));
             for (b, _) in alike {
-                let Some(rounds) = rounds(nights, a, b) else {
+                let Some(rounds) = rounds(nights, &metric, a, b) else {
                     continue;
                 };
                 match found.len() < MOST_PAIRS {
@@ -93,13 +99,18 @@ impl NightContrasts {
             test,
             smallest_p: smallest_p(rounds.count()),
             p_holm,
-            shift_m: rounds.shift(),
+            shift: rounds.shift(),
             interval: rounds.interval(asked, effort),
         });
         Self {
             pairs: pairs.collect(),
-            components: components(nights, known.iter().map(|(scenario, _)| scenario.as_str())),
+            components: components(
+                nights,
+                &metric,
+                known.iter().map(|(scenario, _)| scenario.as_str()),
+            ),
             left_out,
+            metric,
         }
     }
 
@@ -110,14 +121,14 @@ impl NightContrasts {
         if self.pairs.is_empty() {
             text.push_str("- no two scenarios of the same experiment have a night in common\n");
         }
-        let shown = |metres: f64| Metric::TrackingError.text(metres);
+        let shown = |value: f64| self.metric.text(value);
         for pair in &self.pairs {
             let _ = write!(
                 text,
                 "- {} against {}: {} in {} nights",
                 pair.b,
                 pair.a,
-                shown(pair.shift_m),
+                shown(pair.shift),
                 pair.nights
             );
             if let Some(interval) = pair.interval {
@@ -157,9 +168,11 @@ impl NightContrasts {
     pub fn json(&self) -> NightContrastsEntry<'_> {
         let variance = |level| Some(self.components.as_ref()?.level(level)?.variance);
         NightContrastsEntry {
+            metric: self.metric.name(),
+            unit: self.metric.unit(),
             pairs: self.pairs.iter().map(entry).collect(),
-            between_windows_m2: variance(1),
-            between_nights_m2: variance(2),
+            between_windows: variance(1),
+            between_nights: variance(2),
             left_out: self.left_out,
         }
     }
@@ -169,12 +182,16 @@ impl NightContrasts {
 #[derive(Debug, Serialize)]
 #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 pub struct NightContrastsEntry<'a> {
+    /// The metric's name.
+    metric: &'a str,
+    /// Its unit, in which shifts are.
+    unit: &'a str,
     /// Every two scenarios with the same experiment and a night in common.
     pairs: Vec<NightContrastEntry<'a>>,
-    /// The variance of window levels within a night, in square metres; null if it is not known.
-    between_windows_m2: Option<f64>,
-    /// The variance that nights add, unbiased and so below 0 at times, in square metres; null if it is not known.
-    between_nights_m2: Option<f64>,
+    /// The variance of window levels within a night, in the square of the unit; null if it is not known.
+    between_windows: Option<f64>,
+    /// The variance that nights add, unbiased and so below 0 at times, in the square of the unit; null if it is not known.
+    between_nights: Option<f64>,
     /// Pairs that were left out, since there are too many.
     left_out: usize,
 }
@@ -200,11 +217,11 @@ struct NightContrastEntry<'a> {
     /// `p` adjusted by Holm's method for all pairs.
     p_holm: f64,
     /// The mean shift of the tracking error from the first to the second, in metres.
-    shift_m: f64,
+    shift: f64,
     /// The lower end of its interval, in metres; null for a single night.
-    shift_low_m: Option<f64>,
+    shift_low: Option<f64>,
     /// The upper end.
-    shift_high_m: Option<f64>,
+    shift_high: Option<f64>,
     /// The confidence of that interval for this pair alone.
     confidence: Option<f64>,
 }
@@ -219,16 +236,16 @@ fn entry(pair: &NightContrast) -> NightContrastEntry<'_> {
         labellings: pair.test.labellings,
         method: pair.test.coverage.name(),
         p_holm: pair.p_holm,
-        shift_m: pair.shift_m,
-        shift_low_m: pair.interval.map(|interval| interval.low),
-        shift_high_m: pair.interval.map(|interval| interval.high),
+        shift: pair.shift,
+        shift_low: pair.interval.map(|interval| interval.low),
+        shift_high: pair.interval.map(|interval| interval.high),
         confidence: pair.interval.map(|interval| interval.confidence),
     }
 }
 
 /// Of two scenarios, the level of each night.
-fn rounds(nights: &[Night], a: &str, b: &str) -> Option<Rounds> {
-    let level = |night: &Night, slug: &str| night.scenarios.get(slug)?.level(Metric::TrackingError);
+fn rounds(nights: &[Night], metric: &Metric, a: &str, b: &str) -> Option<Rounds> {
+    let level = |night: &Night, slug: &str| night.scenarios.get(slug)?.level(metric);
     Rounds::of(nights.iter().map(|night| (level(night, a), level(night, b))))
 }
 
@@ -245,10 +262,14 @@ fn are_alike(a: &Measured, b: &Measured) -> bool {
 }
 
 /// Of the nights of each scenario its windows; nights with one window say nothing of windows and are left out.
-fn components<'a>(nights: &[Night], scenarios: impl Iterator<Item = &'a str>) -> Option<Components> {
+fn components<'a>(
+    nights: &[Night],
+    metric: &Metric,
+    scenarios: impl Iterator<Item = &'a str>,
+) -> Option<Components> {
     let trees = scenarios.filter_map(|slug| {
         let of_night = |night: &Night| {
-            let windows = night.scenarios.get(slug)?.values.get(&Metric::TrackingError)?;
+            let windows = night.scenarios.get(slug)?.values.get(metric)?;
             Leaf::of(windows, 1.0).map(Nested::Leaf)
         };
         let leaves: Vec<Nested> = nights.iter().filter_map(of_night).collect();
@@ -281,14 +302,16 @@ mod tests {
         let mut noise = Noise::new(3);
         let night = |number: usize| {
             let night_m = 0.2 + 0.01 * noise.normal();
-            let mut level_m = |shift_m: f64| night_m + shift_m + 2e-4 * noise.normal();
+            let mut level_m = |shift: f64| night_m + shift + 2e-4 * noise.normal();
             let scenarios = [("a", 0.0, "50Hz"), ("b", 1e-3, "50Hz"), ("c", 0.0, "25Hz")]
-                .map(|(slug, shift_m, rate)| (slug.to_owned(), measured(level_m(shift_m), rate)));
+                .map(|(slug, shift, rate)| (slug.to_owned(), measured(level_m(shift), rate)));
             Night {
                 run: format!("night-{number}"),
                 created: String::new(),
                 is_simulated: false,
+                metric: Metric::TrackingError,
                 equivalence_margin_m: None,
+                equivalence_margins: BTreeMap::new(),
                 scenarios: BTreeMap::from(scenarios),
             }
         };
@@ -311,7 +334,7 @@ mod tests {
         // Nights spread by 10 mm and windows of a night by 0.14 mm.
         let between = contrasts.components.as_ref().unwrap().level(2).unwrap().spread();
         assert!((0.004..0.02).contains(&between), "{between}");
-        assert!((pair.shift_m - 1e-3).abs() < 4e-4, "{}", pair.shift_m);
+        assert!((pair.shift - 1e-3).abs() < 4e-4, "{}", pair.shift);
         assert!(contrasts.text().contains("- b against a: "));
     }
 

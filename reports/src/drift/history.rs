@@ -73,10 +73,10 @@ fn judgement(
     settings: &Settings,
 ) -> (Judgement, Vec<String>) {
     let known = &settings.acknowledgements;
-    let begins = known.begins(nights, &series.scenario, series.metric);
+    let begins = known.begins(nights, &series.scenario, &series.metric);
     let series = series.from(begins);
     let steps: Vec<(usize, &Acknowledgement)> = known
-        .steps(nights, &series.scenario, series.metric)
+        .steps(nights, &series.scenario, &series.metric)
         .filter_map(|(night, known)| {
             let later = |point: &Point<'_>| point.night >= night;
             Some((series.points.iter().position(later)?, known))
@@ -208,7 +208,7 @@ fn finding(
             _ => Cause::Unexplained,
         },
         acknowledged: known.map(|(_, known)| (*known).clone()),
-        immaterial: settings.is_immaterial(series.metric, level_since - level_before),
+        immaterial: settings.is_immaterial(&series.metric, level_since - level_before),
         withdrawn: change.withdrawn.map(|night| run(points.get(night))),
     }
 }

@@ -5,6 +5,7 @@ use std::collections::BTreeMap;
 use captures::traffic::{Traffic, WindowTraffic};
 use record::{
     axis::VIRTUALIZATION,
+    experiment::Compare,
     name::{by_name, name},
     quantity::Length,
     run_directory::EnvironmentRecord,
@@ -14,82 +15,16 @@ use serde_json::{Value, json};
 use statistics::effect::{level, median};
 
 use crate::{
-    analysis::sample::samples,
+    analysis::{
+        quantity::Quantity,
+        sample::{Sample, samples},
+    },
+    drift::Metric,
     input::{
         overheads::seconds_between,
         run::{Ending, Run, ScenarioRun, WindowState},
     },
 };
-
-/// What is followed.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize)]
-#[serde(rename_all = "kebab-case")]
-pub enum Metric {
-    /// The mean error of a window's periods, in metres.
-    #[serde(rename = "error")]
-    TrackingError,
-    /// How old the state was when the controller used it, the mean of a window, in seconds: what network and ROS take.
-    StateAge,
-    /// How long packets were under way, the mean of a window's in both directions, in seconds: what the network takes.
-    PacketDelay,
-    /// How late the controller's steps began, 99 % of a window's, in seconds.
-    Lateness,
-    /// How long it took to make an environment, in seconds.
-    Provisioning,
-}
-
-impl Metric {
-    /// All of them.
-    pub const ALL: [Self; 5] = [
-        Self::TrackingError,
-        Self::StateAge,
-        Self::PacketDelay,
-        Self::Lateness,
-        Self::Provisioning,
-    ];
-
-    /// Its name in reports and in files of acknowledgements.
-    #[must_use]
-    pub const fn name(self) -> &'static str {
-        match self {
-            Self::TrackingError => "error",
-            Self::StateAge => "state-age",
-            Self::PacketDelay => "packet-delay",
-            Self::Lateness => "lateness",
-            Self::Provisioning => "provisioning",
-        }
-    }
-
-    /// A value as text, with its unit.
-    #[must_use]
-    pub fn text(self, value: f64) -> String {
-        match self {
-            Self::TrackingError => format!("{:.3} mm", value * 1e3),
-            Self::StateAge | Self::PacketDelay | Self::Lateness => format!("{:.3} ms", value * 1e3),
-            Self::Provisioning if value.abs() < 1.0 => format!("{:.1} ms", value * 1e3),
-            Self::Provisioning => format!("{value:.3} s"),
-        }
-    }
-
-    /// What its values can be told apart by, in its unit: the journal's stamps are to the millisecond, and one of them ends and one
-    /// begins what is provisioned.
-    #[must_use]
-    pub const fn resolution(self) -> f64 {
-        match self {
-            Self::Provisioning => 0.002,
-            Self::TrackingError | Self::StateAge | Self::PacketDelay | Self::Lateness => 0.0,
-        }
-    }
-
-    /// The SI unit of its values.
-    #[must_use]
-    pub const fn unit(self) -> &'static str {
-        match self {
-            Self::TrackingError => "m",
-            Self::StateAge | Self::PacketDelay | Self::Lateness | Self::Provisioning => "s",
-        }
-    }
-}
 
 /// Why a night has no number for a scenario.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
@@ -113,9 +48,16 @@ pub struct Night {
     pub created: String,
     /// Whether some of its numbers were made up by the `fake` provider.
     pub is_simulated: bool,
-    /// The equivalence margin that was declared, in metres; `report/night.json` has it under the name that it had.
+    /// The metric that its experiment is about.
+    #[serde(default)]
+    pub metric: Metric,
+    /// The equivalence margin of the tracking error that was declared, in metres; `report/night.json` has it under the name that it
+    /// had.
     #[serde(rename = "matters_m")]
     pub equivalence_margin_m: Option<f64>,
+    /// Those of the metrics of a command, in the unit of each.
+    #[serde(default, skip_serializing_if = "BTreeMap::is_empty")]
+    pub equivalence_margins: BTreeMap<Metric, f64>,
     /// By slug.
     #[serde(deserialize_with = "by_name")]
     pub scenarios: BTreeMap<String, Measured>,
@@ -137,12 +79,23 @@ pub struct Measured {
 impl Measured {
     /// The night's level: the median of its numbers.
     #[must_use]
-    pub fn level(&self, metric: Metric) -> Option<f64> {
-        median(self.values.get(&metric)?.clone())
+    pub fn level(&self, metric: &Metric) -> Option<f64> {
+        median(self.values.get(metric)?.clone())
     }
 }
 
 impl Night {
+    /// The equivalence margins that were declared, each in the unit of its metric.
+    #[must_use]
+    pub fn margins(&self) -> BTreeMap<Metric, f64> {
+        let error = self
+            .equivalence_margin_m
+            .map(|margin_m| (Metric::TrackingError, margin_m));
+        let of_commands = self.equivalence_margins.iter();
+        let of_commands = of_commands.map(|(metric, margin)| (metric.clone(), *margin));
+        error.into_iter().chain(of_commands).collect()
+    }
+
     /// The day of the week on which it was asked for, in UTC, from 0 (Thursday) to 6.
     pub(super) fn weekday(&self) -> Option<usize> {
         let created = humantime::parse_rfc3339(&self.created).ok()?;
@@ -154,20 +107,29 @@ impl Night {
     #[must_use]
     pub fn of(run: &Run, traffic: &Traffic) -> Self {
         let settings = &run.manifest.report;
-        let samples = samples(run, settings);
+        let quantities = Quantity::of_run(run, settings);
+        let followed: Vec<(Metric, &Quantity, Vec<Sample>)> = quantities
+            .iter()
+            .filter(|quantity| quantity.compare == Compare::Ks)
+            .map(|quantity| (Metric::of(quantity), quantity, samples(run, settings, quantity)))
+            .collect();
         let mut scenarios = BTreeMap::new();
         for scenario in &run.scenarios {
             let planned = &scenario.planned;
             let mut values = BTreeMap::<Metric, Vec<f64>>::new();
-            let errors = samples.iter().filter(|sample| sample.scenario == planned.id);
-            let errors: Vec<f64> = errors.filter_map(|sample| level(&sample.errors_m)).collect();
-            let counts = !errors.is_empty();
-            values.insert(Metric::TrackingError, errors);
-            for (_, record, trace) in scenario.counted() {
-                let age = trace.mean_state_age_s;
+            for (metric, _, samples) in &followed {
+                let own = samples.iter().filter(|sample| sample.scenario == planned.id);
+                let levels = own.filter_map(|sample| level(&sample.values)).collect();
+                values.insert(metric.clone(), levels);
+            }
+            let counts = values.values().any(|levels| !levels.is_empty());
+            for (_, record, data) in scenario.counted() {
+                let age = data.trace().and_then(|trace| trace.mean_state_age_s);
                 values.entry(Metric::StateAge).or_default().extend(age);
-                let late_s = record.controller.lateness_p99_ns as f64 / 1e9;
-                values.entry(Metric::Lateness).or_default().push(late_s);
+                let late_s = record
+                    .loops()
+                    .map(|done| done.controller.lateness_p99_ns as f64 / 1e9);
+                values.entry(Metric::Lateness).or_default().extend(late_s);
             }
             let packets = traffic.scenarios.get(&planned.id);
             let delays = packets
@@ -194,7 +156,16 @@ impl Night {
             run: run.manifest.run.clone(),
             created: run.manifest.created.clone(),
             is_simulated: run.scenarios.iter().any(ScenarioRun::is_simulated),
+            metric: followed
+                .first()
+                .map(|(metric, ..)| metric.clone())
+                .unwrap_or_default(),
             equivalence_margin_m: settings.equivalence_margin.map(Length::metres),
+            equivalence_margins: followed
+                .iter()
+                .filter(|(_, quantity, _)| !quantity.is_tracking_error)
+                .filter_map(|(metric, quantity, _)| Some((metric.clone(), quantity.equivalence_margin?)))
+                .collect(),
             scenarios,
         }
     }

@@ -67,7 +67,7 @@ impl Judgement {
 
 impl Finding {
     /// What changed, in a sentence.
-    fn in_words(&self, metric: Metric) -> String {
+    fn in_words(&self, metric: &Metric) -> String {
         let (from, to) = (metric.text(self.level_before), metric.text(self.level_since));
         let change = match self.kind {
             Kind::Jump => format!("jumped from {from} to {to}"),

@@ -51,7 +51,7 @@ pub fn series_of(nights: &[Night]) -> Vec<Series<'_>> {
     };
     let mut all = Vec::new();
     for scenario in newest.scenarios.keys() {
-        for metric in Metric::ALL {
+        for metric in metrics(nights, scenario) {
             let series = Series::of(nights, scenario, metric);
             let never_asked =
                 matches!(series.lack, Some(MissingData::NotAsked(_))) && series.points.is_empty();
@@ -59,14 +59,25 @@ pub fn series_of(nights: &[Night]) -> Vec<Series<'_>> {
             // for the one that it is about.
             let levels = || series.points.iter().map(|point| point.level);
             let range = levels().reduce(f64::max).zip(levels().reduce(f64::min));
-            let is_constant = range.is_none_or(|(highest, lowest)| highest - lowest <= metric.resolution());
-            let not_its = is_constant && metric != Metric::TrackingError;
+            let is_constant =
+                range.is_none_or(|(highest, lowest)| highest - lowest <= series.metric.resolution());
+            let not_its = is_constant && !series.metric.is_of_experiment();
             if !never_asked && !not_its {
                 all.push(series);
             }
         }
     }
     all
+}
+
+/// What any night has of a scenario, in a fixed order; at least what the newest night's experiment is about.
+fn metrics(nights: &[Night], scenario: &str) -> BTreeSet<Metric> {
+    let measured = nights.iter().filter_map(|night| night.scenarios.get(scenario));
+    let about = nights.last().map(|night| night.metric.clone());
+    measured
+        .flat_map(|measured| measured.values.keys().cloned())
+        .chain(about)
+        .collect()
 }
 
 /// What a reader must know of some nights, whatever they are judged to be.
@@ -89,7 +100,10 @@ pub(super) fn gone(nights: &[Night], known: &Acknowledgements) -> Vec<Judgement>
     };
     let of = |scenario: &str| Judgement {
         scenario: scenario.to_owned(),
-        metric: Metric::TrackingError,
+        metric: earlier
+            .last()
+            .map(|night| night.metric.clone())
+            .unwrap_or_default(),
         verdict: Verdict::TooLittle {
             reason: format!(
                 "earlier runs have it and the newest does not; if it is to be left out, acknowledge that with `since: {}`",
@@ -108,7 +122,7 @@ pub(super) fn gone(nights: &[Night], known: &Acknowledgements) -> Vec<Judgement>
 
 fn measured(night: &Night, scenario: &str) -> bool {
     let measured = night.scenarios.get(scenario);
-    measured.is_some_and(|measured| measured.level(Metric::TrackingError).is_some())
+    measured.is_some_and(|measured| measured.level(&night.metric).is_some())
 }
 
 /// Scenarios that earlier nights have measured and the newest does not know.
@@ -134,16 +148,17 @@ impl<'a> Series<'a> {
             Some(Point {
                 run: &night.run,
                 night: place,
-                level: measured.level(metric)?,
+                level: measured.level(&metric)?,
                 measured,
             })
         });
         let newest = nights.last().and_then(measured);
-        let has_number = newest.is_some_and(|newest| newest.level(metric).is_some());
+        let has_number = newest.is_some_and(|newest| newest.level(&metric).is_some());
+        let points = points.collect();
         Self {
             scenario: scenario.to_owned(),
             metric,
-            points: points.collect(),
+            points,
             lack: match (has_number, newest.and_then(|newest| newest.lack.clone())) {
                 (true, _) => None,
                 (false, Some(lack)) => Some(lack),

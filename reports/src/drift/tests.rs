@@ -41,7 +41,9 @@ fn night(number: usize, level_m: f64) -> Night {
         run: format!("night-{number:03}"),
         created: format!("2026-{:02}-{:02}T02:00:00.000Z", 1 + number / 28, 1 + number % 28),
         is_simulated: false,
+        metric: Metric::TrackingError,
         equivalence_margin_m: None,
+        equivalence_margins: BTreeMap::new(),
         scenarios: BTreeMap::from([(SCENARIO.to_owned(), measured)]),
     }
 }
@@ -64,7 +66,10 @@ fn provisioning_that_is_the_same_to_the_millisecond_is_no_series_of_its_own() {
                 .values
                 .insert(Metric::Provisioning, vec![f64::from(ms) / 1e3]);
         }
-        let metrics: Vec<Metric> = series_of(&all).iter().map(|series| series.metric).collect();
+        let metrics: Vec<Metric> = series_of(&all)
+            .iter()
+            .map(|series| series.metric.clone())
+            .collect();
         metrics
     };
     assert_eq!(with([1, 1, 1, 1, 1, 2]), [Metric::TrackingError]);
@@ -423,7 +428,7 @@ fn a_change_that_does_not_matter_is_no_drift() {
     let judgement = judged_with(
         &all,
         &Settings {
-            equivalence_margin_m: Some(0.05),
+            equivalence_margins: BTreeMap::from([(Metric::TrackingError, 0.05)]),
             ..Settings::default()
         },
     );

@@ -14,10 +14,16 @@ use record::{
         RunDirectory, RunRecords, ScenarioState, read_environment, read_whole_record,
     },
     settings::Settings,
-    window::{Verdict, WindowRecord},
+    window::{LoopsRecord, Verdict, WindowRecord},
 };
 
-use crate::{input::overheads, redaction::REMARK};
+use crate::{
+    input::{
+        overheads,
+        window_data::{WindowData, read_metrics},
+    },
+    redaction::REMARK,
+};
 
 /// Everything that a report is made of.
 #[derive(Debug, Clone, PartialEq)]
@@ -152,8 +158,8 @@ pub enum WindowState {
     Counted {
         /// What it says of itself.
         record: Box<WindowRecord>,
-        /// Its log, digested.
-        trace: ControlTrace,
+        /// What was measured.
+        data: WindowData,
     },
     /// It is whole, and its own checks found that it is worth nothing.
     Invalid {
@@ -201,10 +207,10 @@ impl ScenarioRun {
         ))
     }
 
-    /// The windows that count, with their records and logs.
-    pub fn counted(&self) -> impl Iterator<Item = (u32, &WindowRecord, &ControlTrace)> {
+    /// The windows that count, with their records and what was measured in them.
+    pub fn counted(&self) -> impl Iterator<Item = (u32, &WindowRecord, &WindowData)> {
         self.windows.iter().filter_map(|window| match &window.state {
-            WindowState::Counted { record, trace } => Some((window.number, &**record, trace)),
+            WindowState::Counted { record, data } => Some((window.number, &**record, data)),
             _ => None,
         })
     }
@@ -322,10 +328,10 @@ fn load_scenario(
 }
 
 /// The first step of a window that lost some, which may be among them. The log of any other begins with it.
-fn first_step(record: &WindowRecord, settings: &Settings) -> Option<u64> {
+fn first_step(record: &WindowRecord, lost: u64, settings: &Settings) -> Option<u64> {
     let step_ns = u64::try_from(settings.rate.step().as_nanos()).ok()?;
     let started_ns = u64::try_from(record.started_ns).ok()?;
-    (record.controller.lost_ticks > 0).then(|| started_ns / step_ns.max(1))
+    (lost > 0).then(|| started_ns / step_ns.max(1))
 }
 
 fn ending(planned: &PlannedScenario, journaled: &ScenarioState) -> Ending {
@@ -410,6 +416,15 @@ fn load_window(
             record: Box::new(record),
         });
     }
+    if let Some(experiment) = &planned.settings.experiment {
+        return Ok(match read_metrics(folder, experiment, &record)? {
+            Ok(data) => WindowState::Counted {
+                record: Box::new(record),
+                data,
+            },
+            Err(reason) => WindowState::Broken { reason },
+        });
+    }
     let log = folder.join(layout::CONTROL_LOG);
     let described = |name: &str| record.files.iter().find(|file| file.name == name);
     let Some(file) = described(layout::CONTROL_LOG) else {
@@ -431,17 +446,21 @@ fn load_window(
             }
         }
     };
+    let Some(LoopsRecord { controller, .. }) = record.loops() else {
+        return broken("window.json is that of another experiment".to_owned());
+    };
+    let lost = controller.lost_ticks;
     let expected = Expected {
         steps: planned.settings.steps_per_window(),
-        lost: record.controller.lost_ticks,
-        first_step: first_step(&record, &planned.settings),
+        lost,
+        first_step: first_step(&record, lost, &planned.settings),
         steps_per_period: planned.settings.steps_per_period().max(1),
         file,
     };
     match ControlTrace::read(&log, expected, truth.as_ref()) {
         Ok(trace) => Ok(WindowState::Counted {
             record: Box::new(record),
-            trace,
+            data: WindowData::Ball(trace),
         }),
         Err(error) => unusable(&log, error),
     }

@@ -6,6 +6,7 @@ use statistics::effect::{Estimate, Interval};
 
 use crate::analysis::{
     contrast::{Contrast, Verdict},
+    quantity::Quantity,
     replicates::{EnvironmentContrast, Replicates},
     report::Report,
 };
@@ -18,10 +19,10 @@ const MOST_DRAWN: usize = 60;
 pub(crate) struct Shift {
     pub(crate) a: String,
     pub(crate) b: String,
-    /// In metres, with the interval of the pair by itself.
-    pub(crate) shift_m: Estimate,
+    /// With the interval of the pair by itself.
+    pub(crate) shift: Estimate,
     /// The interval that holds for all pairs of the family at once; none where so few windows or environments cannot have it.
-    pub(crate) all_m: Option<Interval>,
+    pub(crate) all: Option<Interval>,
     pub(crate) verdict: Verdict,
 }
 
@@ -40,8 +41,8 @@ impl Shift {
         Self {
             a: pair.a.clone(),
             b: pair.b.clone(),
-            shift_m: pair.effect.shift_m,
-            all_m: pair.simultaneous_m,
+            shift: pair.effect.shift,
+            all: pair.simultaneous,
             verdict: pair.verdict,
         }
     }
@@ -52,11 +53,11 @@ impl Shift {
         Self {
             a: pair.a.clone(),
             b: pair.b.clone(),
-            shift_m: Estimate {
-                value: found.map_or(pair.effect.shift_m.value, |it| it.shift_m),
+            shift: Estimate {
+                value: found.map_or(pair.effect.shift.value, |it| it.shift),
                 interval: found.and_then(alone),
             },
-            all_m: found.and_then(|it| it.interval.filter(|_| it.is_simultaneous)),
+            all: found.and_then(|it| it.interval.filter(|_| it.is_simultaneous)),
             verdict: pair.verdict,
         }
     }
@@ -79,7 +80,7 @@ pub(crate) const fn unit(report: &Report) -> &'static str {
     }
 }
 
-/// The shifts of the pairs of a family, in millimetres.
+/// The shifts of the pairs of a family, in the unit that tables show.
 #[derive(Debug, Clone, PartialEq)]
 pub(crate) struct Forest {
     /// In the order of the family; never empty.
@@ -87,7 +88,11 @@ pub(crate) struct Forest {
     /// Pairs that are not drawn: those with the smallest shifts.
     pub(crate) left_out: usize,
     /// The equivalence margin.
-    pub(crate) margin_mm: Option<f64>,
+    pub(crate) margin: Option<f64>,
+    /// Whether there is one, in words.
+    pub(crate) no_shift_matters: String,
+    /// What is drawn, with the unit.
+    pub(crate) heading: String,
     /// The confidence of each simultaneous interval, 0 to 1.
     pub(crate) confidence: f64,
     /// What each mean is of: [`unit`].
@@ -99,21 +104,21 @@ pub(crate) struct Forest {
 pub(crate) struct Row {
     /// Both letters.
     pub(crate) name: String,
-    pub(crate) shift_mm: f64,
+    pub(crate) shift: f64,
     /// The interval of the pair by itself; none with a single window, and of environments only where none holds for all pairs.
-    pub(crate) each_mm: Option<(f64, f64)>,
+    pub(crate) each: Option<(f64, f64)>,
     /// The interval that holds for all pairs at once; none where so few windows cannot have it.
-    pub(crate) all_mm: Option<(f64, f64)>,
+    pub(crate) all: Option<(f64, f64)>,
 }
 
 impl Row {
-    fn of(pair: &Shift) -> Self {
-        let millimetres = |interval: Interval| (interval.low * 1e3, interval.high * 1e3);
+    fn of(pair: &Shift, quantity: &Quantity) -> Self {
+        let shown = |interval: Interval| (quantity.shown(interval.low), quantity.shown(interval.high));
         Self {
             name: format!("{}–{}", pair.a, pair.b),
-            shift_mm: pair.shift_m.value * 1e3,
-            each_mm: pair.shift_m.interval.map(millimetres),
-            all_mm: pair.all_m.map(millimetres),
+            shift: quantity.shown(pair.shift.value),
+            each: pair.shift.interval.map(shown),
+            all: pair.all.map(shown),
         }
     }
 }
@@ -122,32 +127,43 @@ impl Forest {
     /// None where no pair of the family has data.
     pub(crate) fn of(report: &Report) -> Option<Self> {
         let pairs = Shift::all(report);
-        let mut sizes: Vec<f64> = pairs.iter().map(|pair| pair.shift_m.value.abs()).collect();
+        let mut sizes: Vec<f64> = pairs.iter().map(|pair| pair.shift.value.abs()).collect();
         sizes.sort_by(|a, b| b.total_cmp(a));
         let smallest_drawn = sizes.get(MOST_DRAWN - 1).copied().unwrap_or(0.0);
         let drawn = pairs
             .iter()
-            .filter(|pair| pair.shift_m.value.abs() >= smallest_drawn);
-        let rows: Vec<Row> = drawn.map(Row::of).take(MOST_DRAWN).collect();
-        let margin = report.settings.equivalence_margin;
+            .filter(|pair| pair.shift.value.abs() >= smallest_drawn);
+        let rows: Vec<Row> = drawn
+            .map(|pair| Row::of(pair, &report.quantity))
+            .take(MOST_DRAWN)
+            .collect();
+        let quantity = &report.quantity;
         (!rows.is_empty()).then(|| Self {
             left_out: pairs.len() - rows.len(),
             rows,
-            margin_mm: margin.map(|margin| margin.metres() * 1e3),
+            margin: quantity.equivalence_margin.map(|margin| quantity.shown(margin)),
+            no_shift_matters: match quantity.margin() {
+                Some(margin) => format!("the band of ±{margin} does not matter"),
+                None => format!(
+                    "no band that does not matter is declared ({})",
+                    quantity.margin_setting
+                ),
+            },
+            heading: quantity.heading(&format!("shift of the {} means", unit(report))),
             confidence: simultaneous_confidence(report),
             unit: unit(report),
         })
     }
 
     /// From the lowest to the highest of all that is drawn and 0, with some room.
-    pub(crate) fn range_mm(&self) -> (f64, f64) {
+    pub(crate) fn range(&self) -> (f64, f64) {
         let of_row = |row: &Row| {
-            let ends = [row.each_mm, row.all_mm].into_iter().flatten();
-            let mut values = vec![row.shift_mm];
+            let ends = [row.each, row.all].into_iter().flatten();
+            let mut values = vec![row.shift];
             values.extend(ends.flat_map(|(low, high)| [low, high]));
             values
         };
-        let margins = self.margin_mm.into_iter().flat_map(|margin| [-margin, margin]);
+        let margins = self.margin.into_iter().flat_map(|margin| [-margin, margin]);
         let values: Vec<f64> = self.rows.iter().flat_map(of_row).chain(margins).collect();
         let low = values.iter().copied().fold(0.0, f64::min);
         let high = values.iter().copied().fold(0.0, f64::max);
@@ -158,7 +174,7 @@ impl Forest {
     /// What is drawn, in a sentence or two.
     pub(crate) fn caption(&self) -> String {
         let confidence = percent(self.confidence);
-        let all = match self.rows.iter().any(|row| row.all_mm.is_some()) {
+        let all = match self.rows.iter().any(|row| row.all.is_some()) {
             true => format!("Thin: the interval of {confidence} that holds for all pairs at once"),
             false => {
                 format!(
@@ -167,10 +183,7 @@ impl Forest {
                 )
             }
         };
-        let band = self.margin_mm.map_or_else(
-            || "no band that does not matter is declared (`report.equivalence_margin`)".to_owned(),
-            |margin| format!("the band of ±{margin} mm does not matter"),
-        );
+        let band = &self.no_shift_matters;
         let left_out = match self.left_out {
             0 => String::new(),
             some => format!(" Not drawn: the {} with the smallest shifts.", pairs(some)),
@@ -191,14 +204,10 @@ impl Forest {
             .map(|row| row.name.chars().count())
             .max()
             .unwrap_or(0);
-        let numbers: Vec<String> = self
-            .rows
-            .iter()
-            .map(|row| format!("{:+.3}", row.shift_mm))
-            .collect();
+        let numbers: Vec<String> = self.rows.iter().map(|row| format!("{:+.3}", row.shift)).collect();
         let number_width = numbers.iter().map(String::len).max().unwrap_or(0);
         let columns = width.saturating_sub(name_width + number_width + 4).max(11);
-        let (low, high) = self.range_mm();
+        let (low, high) = self.range();
         let place = |value: f64| {
             let share = (value - low) / (high - low);
             ((share * (columns - 1) as f64).round() as usize).min(columns - 1)
@@ -210,13 +219,13 @@ impl Forest {
                     cells[place(from)..=place(to)].fill(with);
                 }
             };
-            fill(row.all_mm, '-');
-            fill(row.each_mm, '=');
-            for margin in self.margin_mm.into_iter().flat_map(|margin| [-margin, margin]) {
+            fill(row.all, '-');
+            fill(row.each, '=');
+            for margin in self.margin.into_iter().flat_map(|margin| [-margin, margin]) {
                 cells[place(margin)] = ':';
             }
             cells[place(0.0)] = '|';
-            cells[place(row.shift_mm)] = 'o';
+            cells[place(row.shift)] = 'o';
             String::from_iter(cells)
         };
         let lines = self.rows.iter().zip(&numbers).map(|(row, number)| {
@@ -251,16 +260,18 @@ mod tests {
     use super::*;
 
     fn forest() -> Forest {
-        let row = |name: &str, shift_mm: f64, each: f64, all: Option<f64>| Row {
+        let row = |name: &str, shift: f64, each: f64, all: Option<f64>| Row {
             name: name.to_owned(),
-            shift_mm,
-            each_mm: Some((shift_mm - each, shift_mm + each)),
-            all_mm: all.map(|all| (shift_mm - all, shift_mm + all)),
+            shift,
+            each: Some((shift - each, shift + each)),
+            all: all.map(|all| (shift - all, shift + all)),
         };
         Forest {
             rows: vec![row("a–b", 0.5, 1.0, Some(2.0)), row("a–ca", 6.0, 1.0, None)],
             left_out: 0,
-            margin_mm: Some(2.0),
+            margin: Some(2.0),
+            no_shift_matters: "the band of ±2 mm does not matter".to_owned(),
+            heading: "shift of the window means (mm)".to_owned(),
             confidence: 0.9995,
             unit: "window",
         }
@@ -282,7 +293,7 @@ mod tests {
 
     #[test]
     fn its_range_has_all_ends_and_no_shift_in_it() {
-        let (low, high) = forest().range_mm();
+        let (low, high) = forest().range();
         assert!(
             low < -2.0 && low > -3.0 && high > 7.0 && high < 8.0,
             "{low} {high}"

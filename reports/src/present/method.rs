@@ -1,40 +1,37 @@
 //! How a report came about, in sentences that stand with its tables.
 
-use record::{
-    report_settings::{ErrorOf, Method, ReportSettings, WarmUp},
-    run_directory::Revision,
+use record::{report_settings::Method, run_directory::Revision};
+
+use crate::{
+    analysis::{measured_experiment::MeasuredExperiment, report::Report},
+    input::run::RunPart,
 };
 
-use crate::{analysis::report::Report, input::run::RunPart};
-
 impl Report {
-    /// Which rules the experiment followed, in one sentence.
-    fn dynamics(&self) -> String {
-        let mut kinds: Vec<(&str, &[String], Vec<&str>)> = Vec::new();
+    /// Which experiment was measured, in one sentence.
+    fn experiment(&self) -> String {
+        let mut kinds: Vec<(&MeasuredExperiment, Vec<&str>)> = Vec::new();
         for scenario in &self.scenarios {
-            let (name, overridden) = (scenario.dynamics.name(), scenario.overridden.as_slice());
-            match kinds
-                .iter_mut()
-                .find(|kind| (kind.0, kind.1) == (name, overridden))
-            {
-                Some((.., letters)) => letters.push(&scenario.id),
-                None => kinds.push((name, overridden, vec![&scenario.id])),
+            let same = |(experiment, _): &&mut (&MeasuredExperiment, Vec<&str>)| {
+                experiment.description() == scenario.experiment.description()
+            };
+            match kinds.iter_mut().find(same) {
+                Some((_, letters)) => letters.push(&scenario.id),
+                None => kinds.push((&scenario.experiment, vec![&scenario.id])),
             }
         }
         let several = kinds.len() > 1;
-        let described = kinds.iter().map(|(name, overridden, letters)| {
-            let but = match overridden {
-                [] => String::new(),
-                _ => format!(" but for {}", overridden.join(", ")),
-            };
-            let of = if several {
-                format!(" ({})", letters.join(", "))
-            } else {
-                String::new()
-            };
-            format!("{name}{but}{of}")
+        let described = kinds.iter().map(|(experiment, letters)| {
+            let description = experiment.description();
+            match several {
+                true => format!("{description} ({})", letters.join(", ")),
+                false => description,
+            }
         });
-        format!("Dynamics: {}.", described.collect::<Vec<_>>().join("; "))
+        let topic = kinds
+            .first()
+            .map_or("Experiment", |(experiment, _)| experiment.topic());
+        format!("{topic}: {}.", described.collect::<Vec<_>>().join("; "))
     }
 
     /// Which run directories it is made of, and which `matrix` wrote them, a sentence for each.
@@ -59,27 +56,6 @@ impl Report {
     /// How samples were taken and compared, in three sentences. Stands with every table.
     #[must_use]
     pub fn method(&self) -> String {
-        let ReportSettings {
-            alpha,
-            metric,
-            error,
-            discard_periods,
-            warm_up,
-            ..
-        } = &self.settings;
-        let error = match error {
-            ErrorOf::Received => "",
-            ErrorOf::TruePosition => " of the ball's true position",
-        };
-        let discarded = match discard_periods {
-            0 => "no period left out".to_owned(),
-            1 => "the first period of each run left out".to_owned(),
-            many => format!("the first {many} periods of each run left out"),
-        };
-        let cut = match warm_up {
-            WarmUp::Flag => "",
-            WarmUp::Cut => ", and those in which a window warms up (MSER)",
-        };
         let in_the_limit: usize = self.tallies.iter().map(|tally| tally.in_the_limit).sum();
         let test = match (self.settings.method, in_the_limit) {
             (Method::Exact, 0) => "exact given the ties",
@@ -90,10 +66,10 @@ impl Report {
             }
         };
         format!(
-            "{} Metric: {}{error} over each period, in metres, {discarded}{cut}. Test: two-sample Kolmogorov-Smirnov, {test}; \
-             rejected at p < {alpha}.",
-            self.dynamics(),
-            metric.formula()
+            "{} {} Test: two-sample Kolmogorov-Smirnov, {test}; rejected at p < {}.",
+            self.experiment(),
+            self.quantity.origin,
+            self.settings.alpha
         )
     }
 }

@@ -227,11 +227,7 @@ fn hopeless(report: &Report) -> Option<(usize, usize, f64)> {
         method: report.settings.method,
         ..Procedure::default()
     };
-    let mut sizes: Vec<usize> = report
-        .samples
-        .iter()
-        .map(|sample| sample.errors_m.len())
-        .collect();
+    let mut sizes: Vec<usize> = report.samples.iter().map(|sample| sample.values.len()).collect();
     // The fewer values, the larger the smallest p-value: the two smallest samples have the largest.
     sizes.sort_unstable();
     let &[n, m] = sizes.first_chunk()?;

@@ -2,6 +2,8 @@
 //! so; it is never a zero. The main type is [`Table`].
 
 mod against_controls;
+mod agreement;
+mod calls;
 mod conclusions;
 mod contrasts;
 mod differences;
@@ -17,6 +19,7 @@ mod within_scenarios;
 
 use std::collections::{BTreeMap, BTreeSet};
 
+pub(crate) use agreement::of as agreements;
 pub(crate) use shifts::of as shifts;
 
 use record::window::Verdict;
@@ -102,7 +105,8 @@ pub(crate) fn beside(report: &Report) -> Vec<Table> {
     tables.extend(differences::of(report));
     tables.push(within::of(report));
     tables.extend(packets::of(report));
-    tables.push(schedule::of(report));
+    tables.extend(schedule::of(report));
+    tables.extend(calls::of(report));
     tables.extend(releases::of(report));
     tables
 }

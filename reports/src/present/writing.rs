@@ -81,13 +81,27 @@ enum Failure {
     Columns(&'static str, PolarsError),
 }
 
-/// Writes the report into the run's folder for it. Figures and LaTeX tables of an earlier report that this one does
-/// not have are removed.
+/// Writes the report into the run's folder for it, and those of its other metrics into folders in it. Figures and LaTeX tables of an
+/// earlier report that this one does not have are removed.
 ///
 /// # Errors
-/// When a figure cannot be drawn, which is before anything is written, and when a file cannot be encoded or written.
+/// When a figure cannot be drawn, which is before anything of its metric is written, and when a file cannot be encoded or written.
 pub fn write(run: &Run, report: &Report) -> Result<(), WriteError> {
-    let folder = &run.report_folder;
+    write_into(&run.report_folder, run, report)?;
+    for other in &report.others {
+        let folder = run.report_folder.join(other_folder(&other.quantity.name));
+        folder.make_folder().map_err(at(&folder))?;
+        write_into(&folder, run, other)?;
+    }
+    Ok(())
+}
+
+/// Where the report of another metric is, below the report's own folder.
+pub(crate) fn other_folder(metric: &str) -> PathBuf {
+    Path::new("metrics").join(metric)
+}
+
+fn write_into(folder: &Place, run: &Run, report: &Report) -> Result<(), WriteError> {
     let page = report.present();
     let figures = figure::draw(run, report)?;
     // Each takes a while, and they have nothing to do with each other.

@@ -209,8 +209,8 @@ impl Design {
             let shift = MeanShift::of(&effect::levels(&a), &effect::levels(&b), effort);
             let effect = Effect::of(&a, &b, shift.as_ref())?;
             Some([
-                effect.shift_m.interval?,
-                effect.wasserstein_m.interval?,
+                effect.shift.interval?,
+                effect.wasserstein.interval?,
                 effect.superiority.interval?,
             ])
         };

@@ -47,9 +47,9 @@ pub struct Interval {
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Effect {
     /// Hodges-Lehmann shift of the window means, in metres.
-    pub shift_m: Estimate,
+    pub shift: Estimate,
     /// Wasserstein-1 distance of the pooled values, in metres.
-    pub wasserstein_m: Estimate,
+    pub wasserstein: Estimate,
     /// Probability of superiority of the second.
     pub superiority: Estimate,
 }
@@ -64,7 +64,7 @@ impl Effect {
         let merged = PooledRanks::of(&windows);
         let interval = shift.and_then(|shift| shift.interval_or_best(CONFIDENCE));
         Some(Self {
-            shift_m: Estimate {
+            shift: Estimate {
                 value: estimate,
                 interval: interval.map(|it| Interval {
                     // The estimates of a median and of a mean may be on different sides of its end.
@@ -73,7 +73,7 @@ impl Effect {
                     confidence: it.confidence,
                 }),
             },
-            wasserstein_m: wasserstein(&merged, a.len()),
+            wasserstein: wasserstein(&merged, a.len()),
             superiority: superiority(&merged, a.len()),
         })
     }
@@ -287,7 +287,7 @@ mod tests {
     fn a_shift_is_found_as_it_is() {
         let a: [&[f64]; 4] = [&[0.9, 1.1], &[2.0], &[3.0], &[4.0]];
         let b: [&[f64]; 4] = [&[1.25], &[2.25], &[3.25], &[4.25]];
-        let shift = of(&a, &b).unwrap().shift_m;
+        let shift = of(&a, &b).unwrap().shift;
         close(shift.value, 0.25);
         let interval = shift.interval.unwrap();
         close(interval.confidence, 1.0 - 2.0 / 70.0);
@@ -314,7 +314,7 @@ mod tests {
     // 0.5: W = 1 + 2 · 0.5. The functions of b's windows differ between 1 and 3 alone, where s²/n is 0.25.
     #[test]
     fn the_interval_of_the_distance_is_of_how_the_windows_functions_vary() {
-        let found = of(&[&[0.0], &[0.0]], &[&[1.0], &[3.0]]).unwrap().wasserstein_m;
+        let found = of(&[&[0.0], &[0.0]], &[&[1.0], &[3.0]]).unwrap().wasserstein;
         close(found.value, 2.0);
         let interval = found.interval.unwrap();
         // Student's 0.975 quantile with one degree of freedom is 12.7062.
@@ -329,7 +329,7 @@ mod tests {
         let a: [&[f64]; 2] = [&[0.23, 0.25, 0.24], &[0.22, 0.26]];
         let b: [&[f64]; 2] = [&[0.25, 0.27], &[0.24, 0.29, 0.25, 0.21]];
         let effect = of(&a, &b).unwrap();
-        close(effect.wasserstein_m.value, 0.015);
+        close(effect.wasserstein.value, 0.015);
         close(effect.superiority.value, 19.5 / 30.0);
     }
 
@@ -337,8 +337,8 @@ mod tests {
     fn identical_scenarios_have_no_shift_no_distance_and_no_superior_one() {
         let windows: [&[f64]; 4] = [&[1.0, 2.0], &[2.0, 3.0], &[1.0, 1.0], &[5.0]];
         let effect = of(&windows, &windows).unwrap();
-        close(effect.shift_m.value, 0.0);
-        close(effect.wasserstein_m.value, 0.0);
+        close(effect.shift.value, 0.0);
+        close(effect.wasserstein.value, 0.0);
         close(effect.superiority.value, 0.5);
         let interval = effect.superiority.interval.unwrap();
         assert!(interval.low < 0.5 && 0.5 < interval.high);
@@ -347,8 +347,8 @@ mod tests {
     #[test]
     fn one_window_a_side_has_no_interval() {
         let effect = of(&[&[1.0, 2.0]], &[&[3.0, 4.0]]).unwrap();
-        assert_eq!(effect.shift_m.interval, None);
-        assert_eq!(effect.wasserstein_m.interval, None);
+        assert_eq!(effect.shift.interval, None);
+        assert_eq!(effect.wasserstein.interval, None);
         assert_eq!(effect.superiority.interval, None);
         assert_eq!(of(&[], &[&[1.0]]), None);
     }

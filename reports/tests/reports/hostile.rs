@@ -307,7 +307,9 @@ fn windows_of(folder: &Path) -> Vec<PathBuf> {
 #[test]
 fn what_no_window_can_be_is_said_of_its_window_and_the_others_count() {
     let synthetic = run();
-    synthetic.edit_window(SLUG, 2, |record: &mut WindowRecord| record.plant.steps = u64::MAX);
+    synthetic.edit_window(SLUG, 2, |record: &mut WindowRecord| {
+        record.loops_mut().unwrap().plant.steps = u64::MAX;
+    });
     let run = reports::load(synthetic.directory.path()).unwrap();
     let states: Vec<bool> = run.scenarios[0]
         .windows

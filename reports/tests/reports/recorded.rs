@@ -157,12 +157,12 @@ fn a_night_has_the_delays_of_its_packets() {
     let run = reports::load(directory.path()).unwrap();
     let night = Night::of(&run, &traffic::read(&run));
     let measured = &night.scenarios["x86-64-debian-12-native"];
-    let delay_s = measured.level(Metric::PacketDelay).unwrap();
+    let delay_s = measured.level(&Metric::PacketDelay).unwrap();
     // Two links of 10 ms, and the time that 300 bytes take on two of 10 Mbit/s.
     assert!((0.0200..0.0215).contains(&delay_s), "{delay_s}");
     let without = Night::of(&run, &Traffic::default());
     assert_eq!(
-        without.scenarios["x86-64-debian-12-native"].level(Metric::PacketDelay),
+        without.scenarios["x86-64-debian-12-native"].level(&Metric::PacketDelay),
         None
     );
 }

@@ -12,7 +12,10 @@ use record::{
         PlannedScenario, RunDirectory,
     },
     settings::Settings,
-    window::{ConditionsRecord, FileRecord, LoopRecord, NoticesRecord, Verdict, WindowRecord},
+    window::{
+        ConditionsRecord, FileRecord, LoopRecord, LoopsRecord, NoticesRecord, OfExperiment, Verdict,
+        WindowRecord,
+    },
 };
 use serde_json::{Map, Value};
 use sha2::{Digest, Sha256};
@@ -189,6 +192,7 @@ fn manifest() -> Manifest {
         providers: Map::new(),
         report: ReportSettings::default(),
         state_directory: None,
+        experiment_sha256: None,
         redacted: false,
     }
 }
@@ -349,14 +353,16 @@ fn window_record(slug: &str, window: u32, log: &str) -> WindowRecord {
         ended_unix_ns: 0,
         started_ns: 0,
         ended_ns: 0,
-        steps_expected: steps,
-        steps_done: steps,
-        controller: held,
-        plant: held,
-        stale_steps: 6,
-        longest_gap_ns: 120_000_000,
+        of: OfExperiment::Loops(LoopsRecord {
+            steps_expected: steps,
+            steps_done: steps,
+            controller: held,
+            plant: held,
+            stale_steps: 6,
+            longest_gap_ns: 120_000_000,
+            log_dropped: 0,
+        }),
         clock_jump_ns: 0,
-        log_dropped: 0,
         cpu_share: 0.025,
         conditions: ConditionsRecord::default(),
         captures: Vec::new(),

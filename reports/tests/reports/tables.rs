@@ -234,7 +234,7 @@ fn the_papers_two_conclusions_are_tests_of_their_own() {
     assert_eq!(strata, [("i7 osx", 4, 4), ("arm64 ubuntu", 4, 4)]);
     assert_eq!((docker.test.labellings, docker.smallest_p), (4900, 2.0 / 4900.0));
     // Half of what the levels of d and f and of g and i differ by, on two axes.
-    assert!(docker.shift_m.value > 0.01 && docker.test.p < 0.05, "{docker:?}");
+    assert!(docker.shift.value > 0.01 && docker.test.p < 0.05, "{docker:?}");
 
     let osx = find("ubuntu", "osx");
     assert_eq!((osx.axis, osx.hardware_differs), ("os", true));
@@ -310,7 +310,7 @@ fn the_first_period_of_a_run_is_left_out_and_of_its_other_windows_not() {
             .samples
             .iter()
             .take(4)
-            .map(|s| s.errors_m.len())
+            .map(|s| s.values.len())
             .collect::<Vec<_>>()
     };
     let run = reports::load(synthetic.directory.path()).unwrap();
@@ -351,13 +351,7 @@ fn what_a_window_warms_up_is_flagged_and_cut_only_if_asked() {
     };
 
     let flagged = report_with(WarmUp::Flag);
-    let sizes = |report: &Report| {
-        report
-            .samples
-            .iter()
-            .map(|s| s.errors_m.len())
-            .collect::<Vec<_>>()
-    };
+    let sizes = |report: &Report| report.samples.iter().map(|s| s.values.len()).collect::<Vec<_>>();
     assert_eq!(sizes(&flagged), [29, 30, 30]);
     let within = flagged.scenarios[0].within.clone().unwrap();
     assert_eq!(within.cut, []);
@@ -369,7 +363,7 @@ fn what_a_window_warms_up_is_flagged_and_cut_only_if_asked() {
         (&cut.samples[0], &cut.samples[2]),
         (&flagged.samples[0], &flagged.samples[2])
     );
-    assert_eq!(cut.samples[1].first_period, 6);
+    assert_eq!(cut.samples[1].first_value, 6);
     let within = cut.scenarios[0].within.clone().unwrap();
     assert_eq!((within.cut, within.unsteady), (vec![(2, 5)], vec![]));
     let markdown = cut.present().markdown();
@@ -436,7 +430,7 @@ fn each_metric_is_what_its_name_says() {
             metric,
             ..ReportSettings::default()
         };
-        analyse(&run, Traffic::default(), &settings).samples[0].errors_m[0]
+        analyse(&run, Traffic::default(), &settings).samples[0].values[0]
     };
     let x = first(Metric::MeanAbsX);
     assert!((0.09..0.11).contains(&x), "{x}");
@@ -505,7 +499,7 @@ fn an_incomplete_window_is_broken() {
     let synthetic = Synthetic::new(&nine());
     synthetic.edit_window("i686-ubuntu-native", 4, |record| {
         record.complete = false;
-        record.steps_done = 120;
+        record.loops_mut().unwrap().steps_done = 120;
     });
     let window = &report_of(&synthetic).scenarios[1].windows[3];
     assert_eq!(

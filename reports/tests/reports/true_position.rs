@@ -53,10 +53,7 @@ fn the_error_is_of_where_the_ball_was_and_the_report_says_so() {
     let report = analyse(&run, Traffic::default(), &run.manifest.report);
     for sample in &report.samples {
         assert!(
-            sample
-                .errors_m
-                .iter()
-                .all(|error_m| (error_m - 0.25).abs() < 1e-12),
+            sample.values.iter().all(|error_m| (error_m - 0.25).abs() < 1e-12),
             "{sample:?}"
         );
     }
@@ -82,7 +79,7 @@ fn the_error_is_of_what_the_controller_received_unless_another_is_asked_for() {
     let run = load_by(synthetic.directory.path(), None).unwrap();
     let report = analyse(&run, Traffic::default(), &run.manifest.report);
     assert!(
-        report.samples[0].errors_m.iter().all(|error_m| *error_m < 0.23),
+        report.samples[0].values.iter().all(|error_m| *error_m < 0.23),
         "{:?}",
         report.samples
     );

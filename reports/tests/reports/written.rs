@@ -218,7 +218,7 @@ fn the_csv_has_a_line_for_each_comparison_and_for_each_period() {
     let mut lines = comparisons.lines();
     assert_eq!(
         lines.next().unwrap(),
-        "a,a_slug,a_window,b,b_slug,b_window,n,m,d,h,lcm,p,log10_p,signed_d,at_m,method,alpha,rejected,unlike,\
+        "a,a_slug,a_window,b,b_slug,b_window,n,m,d,h,lcm,p,log10_p,signed_d,at,method,alpha,rejected,unlike,\
          same_scenario,a_hardware,b_hardware,a_os,b_os,a_virtualization,b_virtualization,a_platform,b_platform,a_is_control,\
          b_is_control,a_paper,b_paper"
     );
@@ -283,7 +283,7 @@ fn figures_and_their_captions_say_what_is_to_be_seen() {
         ),
         (
             "histogram-a-b.tex",
-            ["width=\\columnwidth", "mean 0.20", "with the same bars"],
+            ["width=\\columnwidth", "mean 200 mm", "with the same bars"],
         ),
         ("trajectory-a.svg", ["x (m)", "target", "time (s)"]),
         ("control-loop-a.svg", ["10ms ± 1ms each", "controller", "U(s)"]),

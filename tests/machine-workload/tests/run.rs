@@ -184,8 +184,14 @@ fn the_authors_dynamics_are_measured_by_three_processes_of_which_nothing_is_left
     for number in [1, 2] {
         let record = window_record(folder.path(), number);
         assert!(record.complete, "{:?}", record.reasons);
-        assert_eq!(record.steps_done + record.controller.lost_ticks, STEPS);
-        assert_eq!(record.plant.steps + record.plant.lost_ticks, STEPS);
+        assert_eq!(
+            record.loops().unwrap().steps_done + record.loops().unwrap().controller.lost_ticks,
+            STEPS
+        );
+        assert_eq!(
+            record.loops().unwrap().plant.steps + record.loops().unwrap().plant.lost_ticks,
+            STEPS
+        );
         assert_files_are_as_recorded(&window(folder.path(), number), &record);
         let rows = rows(&window(folder.path(), number));
         for row in rows.iter().filter(|row| row["state_seq"] > 0.0) {
@@ -232,7 +238,10 @@ fn a_node_that_is_killed_ends_the_run_with_its_name_and_the_window_is_kept(#[cas
     assert!(reason.contains(&wanted), "{reason}");
     assert!(!platform);
     let record = window_record(folder.path(), 1);
-    assert!(!record.complete && record.steps_done > 0, "{record:?}");
+    assert!(
+        !record.complete && record.loops().unwrap().steps_done > 0,
+        "{record:?}"
+    );
 }
 
 /// Whoever started it, root or an ordinary user in a namespace of its own: nothing by which a machine is taken over is left, in
@@ -343,10 +352,22 @@ fn a_run_measures_contiguous_windows_with_all_their_files() {
         assert_eq!((record.format, record.window), (FORMAT, number));
         assert_eq!(record.environment, "test");
         assert!(record.complete);
-        assert_eq!((record.steps_done, record.steps_expected), (STEPS, STEPS));
-        assert_eq!((record.controller.steps, record.plant.steps), (STEPS, STEPS));
+        assert_eq!(
+            (
+                record.loops().unwrap().steps_done,
+                record.loops().unwrap().steps_expected
+            ),
+            (STEPS, STEPS)
+        );
+        assert_eq!(
+            (
+                record.loops().unwrap().controller.steps,
+                record.loops().unwrap().plant.steps
+            ),
+            (STEPS, STEPS)
+        );
         assert_eq!(record.ended_ns - record.started_ns, 2_000_000_000);
-        assert!(record.longest_gap_ns >= STEP_NS / 2);
+        assert!(record.loops().unwrap().longest_gap_ns >= STEP_NS / 2);
         assert!(record.cpu_share > 0.0);
         assert_files_are_as_recorded(&folder, record);
         // h1 has nothing to say once the nodes have found each other.
@@ -413,12 +434,18 @@ fn a_run_that_is_asked_to_stop_leaves_whole_windows_whole_and_marks_the_one_it_c
     assert!(status.success(), "{status}");
 
     let first = window_record(data.path(), 1);
-    assert!(first.complete && first.steps_done == STEPS);
+    assert!(first.complete && first.loops().unwrap().steps_done == STEPS);
     assert_files_are_as_recorded(&window(data.path(), 1), &first);
     let second = window_record(data.path(), 2);
-    assert!(!second.complete && second.steps_done < STEPS, "{second:?}");
+    assert!(
+        !second.complete && second.loops().unwrap().steps_done < STEPS,
+        "{second:?}"
+    );
     assert_eq!(second.verdict, Verdict::Invalid);
-    assert_eq!(rows(&window(data.path(), 2)).len() as u64, second.steps_done);
+    assert_eq!(
+        rows(&window(data.path(), 2)).len() as u64,
+        second.loops().unwrap().steps_done
+    );
     assert!(second.ended_ns - second.started_ns < 2_000_000_000);
     assert_files_are_as_recorded(&window(data.path(), 2), &second);
 }

@@ -2,8 +2,14 @@
 
 #![allow(clippy::unwrap_used, clippy::panic)] // What tests may, but clippy knows only functions that are tests themselves.
 
-use provider_contract::{Platform, contract_tests, lines_of, request, until};
-use record::progress::Progress;
+use std::{fs, os::unix::fs::PermissionsExt as _};
+
+use orchestrator::experiment_files::ExperimentFiles;
+use provider_contract::{Platform, contract_tests, left_of, lines_of, request, until};
+use record::{
+    progress::Progress,
+    window::{Verdict, WindowRecord},
+};
 use rustix::process::{Pid, Signal, kill_process};
 
 contract_tests!(
@@ -57,4 +63,52 @@ async fn settings_that_the_workload_refuses_are_told_in_its_words() {
     let ended = environment.ended().await.unwrap();
     assert!(ended.how.starts_with("exit code 2"), "{}", ended.how);
     environment.discard().await.unwrap();
+}
+
+#[tokio::test]
+async fn a_command_of_the_users_runs_beside_its_files_and_its_windows_are_collected() {
+    let folder = tempfile::tempdir().unwrap();
+    let script = folder.path().join("sim/reach.sh");
+    fs::create_dir(folder.path().join("sim")).unwrap();
+    fs::write(
+        &script,
+        "#!/bin/sh\nprintf 'error\\n%s\\n%s\\n' $(cat sim/offset) $2 >$1/errors.csv\n",
+    )
+    .unwrap();
+    fs::set_permissions(&script, fs::Permissions::from_mode(0o755)).unwrap();
+    fs::write(folder.path().join("sim/offset"), "0.25\n").unwrap();
+
+    let mut request = request("command", 2);
+    let experiment = serde_json::json!({
+        "name": "reach",
+        "files": ["sim"],
+        "run": ["sim/reach.sh", "{window.folder}", "{parameters.steps}"],
+        "window": {"timeout": "1min"},
+        "parameters": {"steps": "5e3"},
+        "metrics": [{"name": "reach_error", "unit": "mm", "from": "errors.csv", "column": "error"}],
+    });
+    request.settings.experiment = Some(serde_json::from_value(experiment).unwrap());
+    request.files = Some(ExperimentFiles::pack(folder.path(), &["sim".to_owned()]).unwrap());
+
+    let provider = Platform::native().provider();
+    let mut environment = provider.create(&request).await.unwrap();
+    let said = lines_of(environment.as_mut()).await;
+    assert_eq!(said.last(), Some(&Progress::Finished), "{said:?}");
+    let into = tempfile::tempdir().unwrap();
+    environment.collect(into.path()).await.unwrap();
+    for window in [1, 2] {
+        let folder = into.path().join(format!("window-{window}"));
+        let record: WindowRecord =
+            serde_json::from_slice(&fs::read(folder.join("window.json")).unwrap()).unwrap();
+        assert_ne!(record.verdict, Verdict::Invalid, "{record:?}");
+        assert_eq!(
+            fs::read_to_string(folder.join("errors.csv")).unwrap(),
+            "error\n0.25\n5e3\n"
+        );
+    }
+    environment.discard().await.unwrap();
+    assert_eq!(
+        left_of(provider.as_ref(), &request.environment).await,
+        Vec::<String>::new()
+    );
 }

@@ -132,6 +132,7 @@ pub fn request(scenario: &str, window_s: u64) -> EnvironmentRequest {
             ..Settings::default()
         },
         windows: vec![1, 2],
+        files: None,
     }
 }
 

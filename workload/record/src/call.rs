@@ -30,6 +30,7 @@ pub mod word {
 const CHECK: &str = "check";
 const SETTINGS: &str = "settings";
 const WINDOWS: &str = "windows";
+const WORK: &str = "work";
 const FROM: &str = "from";
 const GRACE: &str = "grace";
 const BEAT: &str = "beat";
@@ -46,6 +47,9 @@ pub struct Run {
     /// Folder for the data; made if it is not there.
     #[arg(long = word::DATA)]
     pub data: PathBuf,
+    /// Folder in which a command runs and writes; its files are in `files`.
+    #[arg(long = WORK)]
+    pub work: Option<PathBuf>,
     /// Numbers of the windows to measure.
     #[arg(long = WINDOWS, value_delimiter = ',', required = true, value_parser = clap::value_parser!(u32).range(1..))]
     pub windows: Vec<u32>,
@@ -63,7 +67,8 @@ pub struct Check {
 /// answers.
 #[derive(Debug, Clone, PartialEq, Eq, Subcommand)]
 pub enum Detached {
-    /// Make an environment and start its workload, which outlives this call. Standard input has its owner and settings.
+    /// Make an environment and start its workload, which outlives this call. Standard input has its owner and settings, and
+    /// the experiment's files.
     Start(Which),
     /// The workload's supervisor, as `start` starts it. Standard input has the settings.
     #[command(hide = true, name = word::SUPERVISE)]
@@ -144,14 +149,24 @@ pub struct Lease {
     pub beat: TimeSpan,
 }
 
+/// The folders of an environment.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct Folders {
+    /// For the data.
+    pub data: PathBuf,
+    /// For a command's work, where the experiment is one.
+    pub work: PathBuf,
+}
+
 impl Run {
-    /// Measures these windows with these settings.
+    /// Measures these windows with these settings, in folders of its own.
     #[must_use]
-    pub fn of(environment: &str, settings: &Settings, data: PathBuf, windows: &[u32]) -> Self {
+    pub fn of(environment: &str, settings: &Settings, folders: Folders, windows: &[u32]) -> Self {
         Self {
             environment: environment.to_owned(),
             settings: json(settings),
-            data,
+            data: folders.data,
+            work: settings.experiment.is_some().then_some(folders.work),
             windows: windows.to_vec(),
         }
     }
@@ -160,12 +175,15 @@ impl Run {
     #[must_use]
     pub fn arguments(&self) -> Vec<OsString> {
         let windows: Vec<String> = self.windows.iter().map(u32::to_string).collect();
-        Arguments::of(word::RUN)
+        let arguments = Arguments::of(word::RUN)
             .option(word::ENVIRONMENT, &self.environment)
             .option(SETTINGS, &self.settings)
             .option(word::DATA, &self.data)
-            .option(WINDOWS, windows.join(","))
-            .0
+            .option(WINDOWS, windows.join(","));
+        match &self.work {
+            Some(work) => arguments.option(WORK, work).0,
+            None => arguments.0,
+        }
     }
 }
 
@@ -298,8 +316,24 @@ mod tests {
 
     #[test]
     fn a_run_is_read_as_it_was_called() {
+        let folders = Folders {
+            data: "/d a".into(),
+            work: "/w".into(),
+        };
         let settings = Settings::of(Dynamics::default());
-        let run = Run::of("e-1", &settings, "/d a".into(), &[1, 2, 7]);
+        let run = Run::of("e-1", &settings, folders.clone(), &[1, 2, 7]);
+        assert_eq!(
+            (&run.work, parsed(run.arguments())),
+            (&None, Command::Run(run.clone()))
+        );
+        let experiment =
+            serde_json::json!({"name": "e", "run": ["true"], "metrics": [{"name": "m", "from": "m.csv"}]});
+        let of_a_command = Settings {
+            experiment: Some(serde_json::from_value(experiment).unwrap()),
+            ..settings.clone()
+        };
+        let run = Run::of("e-1", &of_a_command, folders, &[1]);
+        assert_eq!(run.work.as_deref(), Some(std::path::Path::new("/w")));
         assert_eq!(parsed(run.arguments()), Command::Run(run));
         let check = Check::of(&settings);
         assert_eq!(parsed(check.arguments()), Command::Check(check));

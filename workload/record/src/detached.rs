@@ -32,7 +32,7 @@ pub struct Owner {
     pub windows: Vec<u32>,
 }
 
-/// What `start` reads.
+/// What `start` reads first. The files of a user's experiment follow it, if it has any ([`crate::transfer::files`]).
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct Start {
     /// What the environment belongs to, with the windows to measure.

@@ -12,6 +12,18 @@ pub const WINDOW: &str = "window.json";
 pub const CONTROL_LOG: &str = "control.csv";
 /// A window's plant steps ([`crate::plant_log`]).
 pub const PLANT_LOG: &str = "plant.csv";
+/// What a command printed on standard output: of a window, or before the windows.
+pub const STDOUT: &str = "stdout.txt";
+/// What it printed on standard error.
+pub const STDERR: &str = "stderr.txt";
+/// The names in a command's window that are not its own to choose.
+pub const OF_A_COMMAND: [&str; 3] = [WINDOW, STDOUT, STDERR];
+/// What the command before the windows printed, a folder.
+pub const PREPARE: &str = "prepare";
+/// Where an environment has an experiment's files, below its folder for the command's work.
+pub const FILES: &str = "files";
+/// Where a command writes, below the same.
+pub const OUTPUT: &str = "output";
 /// The lines of a detached workload, where it is kept.
 pub const LINES: &str = "lines.jsonl";
 /// Whose a detached workload is ([`crate::detached::Owner`]).

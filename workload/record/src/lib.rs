@@ -1,7 +1,7 @@
 //! What the programs agree on, as types: the workload writes it, `matrix` and its reports read it, and the `fake` provider
 //! writes it too.
 //!
-//! - what a matrix file asks of the workload: [`settings`], [`quantity`], [`virtual_host`];
+//! - what a matrix file asks of the workload: [`settings`], [`experiment`], [`quantity`], [`virtual_host`];
 //! - what the workload leaves behind, one module for each file or stream, with its format and units: [`window`],
 //!   [`control_log`], [`plant_log`], [`platform`], [`progress`], [`check`]; its exit codes are in [`exit`];
 //! - names: of files and folders in [`layout`], of axes in [`axis`], those that are safe in files in [`name`]; errors in words in
@@ -25,6 +25,7 @@ pub mod detached;
 #[cfg(feature = "run-directory")]
 pub mod escaping;
 pub mod exit;
+pub mod experiment;
 #[cfg(feature = "run-directory")]
 pub mod family;
 pub mod layout;

@@ -39,6 +39,20 @@ impl Part {
     }
 }
 
+impl Progress {
+    /// Whether it says that the workload lives, which is for who watches now and for no record.
+    #[must_use]
+    pub const fn is_sign_of_life(&self) -> bool {
+        matches!(self, Self::Health { .. } | Self::Running { .. } | Self::Preparing)
+    }
+
+    /// Whether it belongs into the journal. Notices come as often as strangers wish, and are in the windows' records.
+    #[must_use]
+    pub const fn is_journaled(&self) -> bool {
+        !self.is_sign_of_life() && !matches!(self, Self::Notice { .. })
+    }
+}
+
 /// One line.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(tag = "event", rename_all = "kebab-case")]
@@ -66,7 +80,9 @@ pub enum Progress {
         /// In words.
         text: String,
     },
-    /// The first control step of the run has been done.
+    /// The command that comes before the windows runs; about once a second.
+    Preparing,
+    /// The first control step of the run has been done, or the first window's command is about to be called.
     Measuring {
         /// The first window's number.
         window: u32,
@@ -83,6 +99,13 @@ pub enum Progress {
         missed_deadlines: u64,
         /// The latest start of a step since the last line, after it was due.
         worst_lateness_ns: i64,
+    },
+    /// About once a second while a window's command runs.
+    Running {
+        /// The window under way.
+        window: u32,
+        /// For how long its command has been running, in milliseconds.
+        elapsed_ms: u64,
     },
     /// A window is on disk, whole, with its `window.json`.
     WindowComplete {

@@ -5,6 +5,7 @@
 //!   manifest.json       what was asked: Manifest
 //!   plan.json           every scenario, feasible or not, and the order: PlanRecord
 //!   events.jsonl        what happened: one JournalEntry a line
+//!   experiment.tar.lz4  the files of a user's experiment, if it has any
 //!   scenarios/<slug>/   environment.json, window-1/ … window-4/, broken/…
 //!   report/             written by `reports`
 //! ```
@@ -99,6 +100,12 @@ impl RunDirectory {
     #[must_use]
     pub fn journal(&self) -> Place {
         self.0.join("events.jsonl")
+    }
+
+    /// The files of a user's experiment ([`crate::transfer::files`]), if it has any.
+    #[must_use]
+    pub fn experiment(&self) -> Place {
+        self.0.join("experiment.tar.lz4")
     }
 
     /// The lock that the process holds which works on this run.

@@ -22,7 +22,10 @@ pub use self::{
     need::Need,
     validity::{Limit, Limits, ValiditySettings},
 };
-use crate::quantity::{BitRate, Bytes, Fraction, Frequency, TimeSpan};
+use crate::{
+    experiment::CommandExperiment,
+    quantity::{BitRate, Bytes, Fraction, Frequency, TimeSpan},
+};
 
 /// Everything that the experiment inside one environment depends on.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
@@ -62,6 +65,10 @@ pub struct Settings {
     pub loops: LoopSettings,
     /// From where on a window is suspect or invalid.
     pub validity: ValiditySettings,
+    /// An experiment of the user's own in place of the ball on the plate. In a matrix file it is a section of its own.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    #[cfg_attr(feature = "schema", schemars(skip))]
+    pub experiment: Option<CommandExperiment>,
 }
 
 impl Default for Settings {
@@ -89,6 +96,7 @@ impl Settings {
             realtime: RealtimeSettings::default(),
             loops: LoopSettings::default(),
             validity: ValiditySettings::default(),
+            experiment: None,
         }
     }
 }
@@ -425,6 +433,14 @@ impl Settings {
 }
 
 impl Settings {
+    /// How long a window takes: exactly, or at most where a command decides it.
+    #[must_use]
+    pub fn longest_window(&self) -> TimeSpan {
+        self.experiment
+            .as_ref()
+            .map_or(self.window, |experiment| experiment.window.timeout)
+    }
+
     /// Control steps in one period.
     #[must_use]
     pub fn steps_per_period(&self) -> u64 {
@@ -516,6 +532,25 @@ impl Settings {
                 "write fewer environments, or fewer `windows`".into(),
             );
         }
+        for path in self.validity.crossed() {
+            problem(
+                path,
+                "a window would be invalid before it is suspect".into(),
+                "write at least what `suspect` is, or `never`".into(),
+            );
+        }
+        match &self.experiment {
+            Some(experiment) => problems.extend(experiment.problems()),
+            None => self.problems_of_the_ball(&mut problems),
+        }
+        problems
+    }
+
+    /// What is wrong with what only the ball on the plate has.
+    fn problems_of_the_ball(&self, problems: &mut Vec<SettingsProblem>) {
+        let mut problem = |path, message: String, hint: String| {
+            problems.push(SettingsProblem { path, message, hint });
+        };
         let period = self.period.as_nanos();
         if period == 0 {
             problem(
@@ -609,13 +644,6 @@ impl Settings {
                 "write a positive number of degrees, or `never`".into(),
             );
         }
-        for path in self.validity.crossed() {
-            problem(
-                path,
-                "a window would be invalid before it is suspect".into(),
-                "write at least what `suspect` is, or `never`".into(),
-            );
-        }
         if self
             .capture
             .filter
@@ -648,7 +676,6 @@ impl Settings {
                 problem(path, format!("{value} does not do"), format!("write {wanted}"));
             }
         }
-        problems
     }
 }
 

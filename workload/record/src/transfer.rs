@@ -3,6 +3,7 @@
 //!
 //! Here and not where they are called, since this crate is optimised in every profile: gigabytes go through.
 
+pub mod files;
 mod receive;
 mod send;
 

@@ -1,7 +1,7 @@
 //! `window.json`: what one window is and what it is worth. It is written last, so that a window without it is a broken
 //! one. The main type is [`WindowRecord`].
 
-use serde::{Deserialize, Serialize};
+use serde::{Deserialize, Deserializer, Serialize, de::Error as _};
 
 use super::name::name;
 use crate::virtual_host::VirtualHost;
@@ -28,22 +28,11 @@ pub struct WindowRecord {
     pub started_ns: i64,
     /// Its end on the experiment's clock.
     pub ended_ns: i64,
-    /// Control steps that it should have.
-    pub steps_expected: u64,
-    /// Control steps in its log.
-    pub steps_done: u64,
-    /// The controller's loop.
-    pub controller: LoopRecord,
-    /// The plant's loop.
-    pub plant: LoopRecord,
-    /// Control steps that had no newer state than the step before.
-    pub stale_steps: u64,
-    /// Longest time between two control steps.
-    pub longest_gap_ns: i64,
+    /// What its experiment alone has.
+    #[serde(flatten)]
+    pub of: OfExperiment,
     /// Wall clock against monotonic clock, end minus start: a step of NTP or of a person.
     pub clock_jump_ns: i64,
-    /// Rows that the log's queue had no room for.
-    pub log_dropped: u64,
     /// What the workload's process used of the processor during the window, as a share of one core.
     pub cpu_share: f64,
     /// What else happened on the machine meanwhile.
@@ -71,6 +60,73 @@ pub struct WindowRecord {
     pub reasons: Vec<String>,
 }
 
+/// What a window of one experiment has and those of others have not.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+#[serde(untagged)]
+pub enum OfExperiment {
+    /// The ball on the plate.
+    Loops(LoopsRecord),
+    /// A command of the user's, below a key of its own, by which it is known.
+    Command {
+        /// How it ended.
+        command: CommandRecord,
+    },
+}
+
+impl<'de> Deserialize<'de> for OfExperiment {
+    fn deserialize<D: Deserializer<'de>>(deserializer: D) -> Result<Self, D::Error> {
+        #[derive(Deserialize)]
+        struct Either {
+            command: Option<CommandRecord>,
+            #[serde(flatten)]
+            others: serde_json::Map<String, serde_json::Value>,
+        }
+        let Either { command, others } = Either::deserialize(deserializer)?;
+        match command {
+            Some(command) => Ok(Self::Command { command }),
+            None => serde_json::from_value(others.into())
+                .map(Self::Loops)
+                .map_err(D::Error::custom),
+        }
+    }
+}
+
+/// What the loops of the ball on the plate did.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Serialize, Deserialize)]
+pub struct LoopsRecord {
+    /// Control steps that the window should have.
+    pub steps_expected: u64,
+    /// Control steps in its log.
+    pub steps_done: u64,
+    /// The controller's loop.
+    pub controller: LoopRecord,
+    /// The plant's loop.
+    pub plant: LoopRecord,
+    /// Control steps that had no newer state than the step before.
+    pub stale_steps: u64,
+    /// Longest time between two control steps.
+    pub longest_gap_ns: i64,
+    /// Rows that the log's queue had no room for.
+    pub log_dropped: u64,
+}
+
+/// How a command ended, and what it took.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Serialize, Deserialize)]
+pub struct CommandRecord {
+    /// Its exit code; none if it was ended.
+    pub exit_code: Option<i32>,
+    /// Processors' time of the command and all that it started and waited for, in user and in system mode.
+    pub cpu_ns: u64,
+    /// The most memory that one of these processes had at once, in bytes.
+    pub peak_memory_bytes: u64,
+    /// What it printed on standard output, of which the file has the beginning and the end.
+    pub stdout_bytes: u64,
+    /// The same of standard error.
+    pub stderr_bytes: u64,
+    /// Processes that it left behind and that were ended.
+    pub left_behind: u64,
+}
+
 /// A record says what no run can have.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
 #[error("`{field}` is {value}, which no run has")]
@@ -92,7 +148,55 @@ impl Impossible {
     }
 }
 
+impl LoopsRecord {
+    fn counts(&self) -> [(&'static str, u64); 12] {
+        let (controller, plant) = (&self.controller, &self.plant);
+        [
+            ("steps_expected", self.steps_expected),
+            ("steps_done", self.steps_done),
+            ("stale_steps", self.stale_steps),
+            ("log_dropped", self.log_dropped),
+            ("controller.steps", controller.steps),
+            ("controller.lost_ticks", controller.lost_ticks),
+            ("controller.missed_deadlines", controller.missed_deadlines),
+            ("controller.late_steps", controller.late_steps),
+            ("plant.steps", plant.steps),
+            ("plant.lost_ticks", plant.lost_ticks),
+            ("plant.missed_deadlines", plant.missed_deadlines),
+            ("plant.late_steps", plant.late_steps),
+        ]
+    }
+}
+
+impl CommandRecord {
+    fn counts(&self) -> [(&'static str, u64); 4] {
+        [
+            ("command.peak_memory_bytes", self.peak_memory_bytes >> 20),
+            ("command.stdout_bytes", self.stdout_bytes >> 20),
+            ("command.stderr_bytes", self.stderr_bytes >> 20),
+            ("command.left_behind", self.left_behind),
+        ]
+    }
+}
+
 impl WindowRecord {
+    /// What the loops did; none of a command.
+    #[must_use]
+    pub const fn loops(&self) -> Option<&LoopsRecord> {
+        match &self.of {
+            OfExperiment::Loops(loops) => Some(loops),
+            OfExperiment::Command { .. } => None,
+        }
+    }
+
+    /// The same, to be changed.
+    pub const fn loops_mut(&mut self) -> Option<&mut LoopsRecord> {
+        match &mut self.of {
+            OfExperiment::Loops(loops) => Some(loops),
+            OfExperiment::Command { .. } => None,
+        }
+    }
+
     /// The file is no longer: it is some kilobytes.
     pub const MOST_BYTES: u64 = 1 << 20;
     /// Whatever is counted in a window, steps and packets too, stays far below.
@@ -118,7 +222,6 @@ impl WindowRecord {
     /// The first that is not.
     pub fn check(&self) -> Result<(), Impossible> {
         let wrong = |field, value: String| Err(Impossible { field, value });
-        let (controller, plant) = (&self.controller, &self.plant);
         let dropped = |capture: &CaptureRecord| capture.dropped.max(capture.packets);
         let passed = |pass: &PassRecord| {
             let counts = [
@@ -130,25 +233,18 @@ impl WindowRecord {
             counts.into_iter().max().unwrap_or(0)
         };
         let links = self.links.iter().flat_map(|link| [&link.up, &link.down]);
+        let of_experiment = match &self.of {
+            OfExperiment::Loops(loops) => loops.counts().to_vec(),
+            OfExperiment::Command { command } => command.counts().to_vec(),
+        };
         let counts = [
-            ("steps_expected", self.steps_expected),
-            ("steps_done", self.steps_done),
-            ("stale_steps", self.stale_steps),
-            ("log_dropped", self.log_dropped),
-            ("controller.steps", controller.steps),
-            ("controller.lost_ticks", controller.lost_ticks),
-            ("controller.missed_deadlines", controller.missed_deadlines),
-            ("controller.late_steps", controller.late_steps),
-            ("plant.steps", plant.steps),
-            ("plant.lost_ticks", plant.lost_ticks),
-            ("plant.missed_deadlines", plant.missed_deadlines),
-            ("plant.late_steps", plant.late_steps),
             ("notices.count", self.notices.count),
             ("captures", self.captures.iter().map(dropped).max().unwrap_or(0)),
             ("links", links.map(passed).max().unwrap_or(0)),
             ("releases.released", self.releases.map_or(0, |it| it.released)),
         ];
-        if let Some((field, count)) = counts.into_iter().find(|(_, count)| *count > Self::MOST) {
+        let mut counts = of_experiment.into_iter().chain(counts);
+        if let Some((field, count)) = counts.find(|(_, count)| *count > Self::MOST) {
             return wrong(field, count.to_string());
         }
         let times = [

@@ -7,6 +7,7 @@
 //!   errors.txt    its standard error
 //!   ended.json    how it ended: Ended
 //!   data/         its data folder
+//!   work/         where the commands of a user's experiment run, with their files
 //! ```
 
 use std::{
@@ -17,6 +18,7 @@ use std::{
 };
 
 use record::{
+    call::Folders,
     detached::{Ended, Owner, UNFINISHED},
     layout,
     name::is_name,
@@ -112,6 +114,15 @@ impl EnvironmentFolder {
     #[must_use]
     pub fn data(&self) -> PathBuf {
         self.path().join("data")
+    }
+
+    /// The folders that its workload is given.
+    #[must_use]
+    pub fn folders(&self) -> Folders {
+        Folders {
+            data: self.data(),
+            work: self.path().join("work"),
+        }
     }
 
     fn ended_file(&self) -> PathBuf {

@@ -1,7 +1,7 @@
-//! `start`: makes the environment and has a supervisor start its workload. The function is [`start`].
+//! `start`: makes the environment, with the files of a user's experiment, and has a supervisor start its workload. The function is [`start`].
 
 use std::{
-    env,
+    env, fs,
     io::{self, BufRead as _, BufReader, Read, Write as _},
     process::{Child, Command, Stdio},
 };
@@ -9,6 +9,8 @@ use std::{
 use record::{
     call::{Detached, Root, Which},
     detached::{Failure, Start, Started},
+    experiment::CommandExperiment,
+    transfer::files,
 };
 
 use super::{DetachedError, EnvironmentFolder, stream};
@@ -22,13 +24,28 @@ const ACTION: &str = "start the supervisor";
 /// # Errors
 /// When there is an environment of that name already, or something refuses.
 pub fn start(folder: &EnvironmentFolder) -> Result<Started, DetachedError> {
-    let request: Start = stream::read("an owner and settings", MOST)?;
+    let mut input = io::stdin().lock();
+    let request: Start = stream::read_line(&mut input, "an owner and settings", MOST)?;
     let folder = folder.create(&request.owner)?;
-    let started = spawn(&folder).and_then(|supervisor| hand_over(supervisor, &request));
+    let started = unpack(&folder, &request, input)
+        .and_then(|()| spawn(&folder))
+        .and_then(|supervisor| hand_over(supervisor, &request));
     if started.is_err() {
         folder.remove()?;
     }
     started
+}
+
+/// The files of a user's experiment follow the request.
+fn unpack(folder: &EnvironmentFolder, request: &Start, input: impl Read) -> Result<(), DetachedError> {
+    let has_files = |experiment: &CommandExperiment| !experiment.files.is_empty();
+    if !request.settings.experiment.as_ref().is_some_and(has_files) {
+        return Ok(());
+    }
+    let work = folder.folders().work;
+    fs::create_dir_all(&work)
+        .and_then(|()| files::unpack(&work, input))
+        .map_err(DetachedError::file("unpack the experiment's files into", &work))
 }
 
 fn spawn(folder: &EnvironmentFolder) -> Result<Child, DetachedError> {

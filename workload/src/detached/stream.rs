@@ -1,6 +1,6 @@
-//! Lines of JSON on the standard streams. The functions are [`read`] and [`write_line`].
+//! Lines of JSON on the standard streams. The functions are [`read`], [`read_line`] and [`write_line`].
 
-use std::io::{self, Read as _, Write};
+use std::io::{self, BufRead, Read as _, Write};
 
 use serde::{Serialize, de::DeserializeOwned};
 
@@ -15,6 +15,25 @@ pub fn read<T: DeserializeOwned>(what: &'static str, most: u64) -> Result<T, Det
     io::stdin()
         .take(most + 1)
         .read_to_end(&mut text)
+        .map_err(DetachedError::system("read standard input"))?;
+    if text.len() as u64 > most {
+        return Err(DetachedError::TooLong { most });
+    }
+    serde_json::from_slice(&text).map_err(|source| DetachedError::Input { what, source })
+}
+
+/// Reads one line of JSON of at most so many bytes, called `what` if it is not; what follows it stays to be read.
+///
+/// # Errors
+/// When it is longer, something else, or cannot be read.
+pub fn read_line<T: DeserializeOwned>(
+    from: &mut impl BufRead,
+    what: &'static str,
+    most: u64,
+) -> Result<T, DetachedError> {
+    let mut text = Vec::new();
+    from.take(most + 1)
+        .read_until(b'\n', &mut text)
         .map_err(DetachedError::system("read standard input"))?;
     if text.len() as u64 > most {
         return Err(DetachedError::TooLong { most });

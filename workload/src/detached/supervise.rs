@@ -35,7 +35,7 @@ pub fn supervise(folder: &EnvironmentFolder) -> Result<(), DetachedError> {
     let mut workload = env::current_exe()
         .and_then(|program| {
             Command::new(program)
-                .args(Run::of(folder.environment(), &settings, folder.data(), &windows).arguments())
+                .args(Run::of(folder.environment(), &settings, folder.folders(), &windows).arguments())
                 .stdin(Stdio::null())
                 .stdout(lines)
                 .stderr(errors)

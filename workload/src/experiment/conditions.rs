@@ -75,9 +75,10 @@ counters! {
     processors: Option<ProcessorTimes> {
         read: text("/proc/stat").and_then(|stat| ProcessorTimes::of(&stat, &here.cpus)),
         steal_share: both(now.processors, before.processors)
+            .filter(|_| span.is_long_enough())
             .map(|(now, before)| ticks_ns(now.stolen.saturating_sub(before.stolen)) / span.processors_ns),
         // Ticks are coarse: on a quiet machine the rest may come out a little below nothing.
-        other_load_share: both(now.processors, before.processors).map(|(later, earlier)| {
+        other_load_share: both(now.processors, before.processors).filter(|_| span.is_long_enough()).map(|(later, earlier)| {
             let own_ns = (now.own_cpu_ns - before.own_cpu_ns) as f64;
             ((ticks_ns(later.busy.saturating_sub(earlier.busy)) - own_ns) / span.processors_ns).max(0.0)
         }),
@@ -144,6 +145,11 @@ impl Span {
             ns,
             processors_ns: ns * cpus_allowed().len().max(1) as f64,
         }
+    }
+
+    /// Whether ticks, of which there are a hundred a second, say anything of it.
+    fn is_long_enough(&self) -> bool {
+        self.ns >= 1e9
     }
 }
 

@@ -7,7 +7,7 @@ use record::{
     virtual_host::VirtualHost,
 };
 
-use crate::{capture::CaptureError, network::NetworkError, ros::RosError};
+use crate::{capture::CaptureError, command_error::CommandError, network::NetworkError, ros::RosError};
 
 /// Why the experiment could not go on.
 #[derive(Debug, thiserror::Error)]
@@ -21,6 +21,9 @@ pub enum ExperimentError {
     /// A capture could not be had.
     #[error("the capture failed")]
     Capture(#[from] CaptureError),
+    /// The user's command could not be run.
+    #[error(transparent)]
+    Command(#[from] CommandError),
     /// The nodes could not be connected.
     #[error("the ROS nodes could not be connected")]
     Ros(#[from] RosError),
@@ -90,6 +93,7 @@ impl ExperimentError {
             Self::Limits(error) => Some(error.hint()),
             Self::Network(error) => error.hint(),
             Self::Capture(error) => error.hint(),
+            Self::Command(error) => error.hint(),
             Self::Ros(error) => error.hint().map(str::to_owned),
             Self::Node { hint, .. } => hint.clone(),
             Self::Thread { .. } | Self::Process { .. } => {
@@ -115,6 +119,7 @@ impl ExperimentError {
             Self::Limits(_)
             | Self::Network(_)
             | Self::Capture(_)
+            | Self::Command(_)
             | Self::MasterPort { .. }
             | Self::Thread { .. }
             | Self::Process { .. }

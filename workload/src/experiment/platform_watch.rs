@@ -5,25 +5,28 @@
 
 use std::{
     path::{Path, PathBuf},
-    sync::mpsc::{Receiver, Sender, channel},
+    sync::{
+        Arc,
+        mpsc::{Receiver, Sender, channel},
+    },
     thread::{self, JoinHandle},
 };
 
 use record::{
     layout,
     platform::{PlatformChange, PlatformRecord, RealtimeGrant, RosMasterRecord, SurveyRecord},
-    settings::RosMaster,
 };
 
-use super::{error::ExperimentError, master, window_folder::write_whole};
+use super::{error::ExperimentError, window_folder::write_whole};
 use crate::{realtime::priority::step_back, survey};
+
+/// What the experiment knows of its ROS master, if it has one; asked at each look.
+pub type Master = Arc<dyn Fn() -> Option<RosMasterRecord> + Send + Sync>;
 
 /// Knows what the platform was when the run began.
 pub struct PlatformWatch {
-    path: PathBuf,
-    master: RosMaster,
     grants: Sender<RealtimeGrant>,
-    first_look: JoinHandle<Result<Option<SurveyRecord>, ExperimentError>>,
+    first_look: JoinHandle<Result<Option<KnownPlatform>, ExperimentError>>,
 }
 
 impl PlatformWatch {
@@ -31,22 +34,20 @@ impl PlatformWatch {
     ///
     /// # Errors
     /// If the thread cannot be started.
-    pub fn start(data: &Path, master: RosMaster) -> Result<Self, ExperimentError> {
+    pub fn start(
+        data: &Path,
+        master: impl Fn() -> Option<RosMasterRecord> + Send + Sync + 'static,
+    ) -> Result<Self, ExperimentError> {
+        let master: Master = Arc::new(master);
         let path = data.join(layout::ENVIRONMENT);
         let (grants, granted) = channel();
         let name = "platform";
-        let to = path.clone();
         let first_look = thread::Builder::new().name(name.into()).spawn(move || {
             step_back();
-            look(&to, master, &granted)
+            look(path, master, &granted)
         });
         let first_look = first_look.map_err(|source| ExperimentError::Thread { name, source })?;
-        Ok(Self {
-            path,
-            master,
-            grants,
-            first_look,
-        })
+        Ok(Self { grants, first_look })
     }
 
     /// What the loops were granted, which is part of the record: it is written from now on.
@@ -63,46 +64,76 @@ impl PlatformWatch {
         drop(self.grants);
         let first = self.first_look.join();
         let first = first.unwrap_or(Err(ExperimentError::ThreadEnded { name: "platform" }))?;
-        let Some(mut record) = first else {
-            return Ok(Vec::new());
-        };
-        let after = platform(record.before.realtime.clone(), self.master);
-        record.changes = record.before.changes(&after);
-        record.after = Some(after);
-        let path = self.path;
-        write_whole(&path, &record).map_err(|source| ExperimentError::Write { path, source })?;
-        Ok(record.changes)
+        first.map_or(Ok(Vec::new()), KnownPlatform::finish)
     }
 }
 
-fn platform(grant: RealtimeGrant, program: RosMaster) -> PlatformRecord {
+/// What the platform was when the run began, on record.
+pub struct KnownPlatform {
+    path: PathBuf,
+    master: Master,
+    record: SurveyRecord,
+}
+
+impl KnownPlatform {
+    /// Looks now, and writes it down.
+    ///
+    /// # Errors
+    /// If the record cannot be written.
+    pub fn look(data: &Path, grant: RealtimeGrant, master: Master) -> Result<Self, ExperimentError> {
+        Self::keep(data.join(layout::ENVIRONMENT), platform(grant, &master), master)
+    }
+
+    fn keep(path: PathBuf, before: PlatformRecord, master: Master) -> Result<Self, ExperimentError> {
+        let record = SurveyRecord {
+            before,
+            after: None,
+            changes: Vec::new(),
+        };
+        let known = Self { path, master, record };
+        known.write()?;
+        Ok(known)
+    }
+
+    /// Looks again and says what is not as it was.
+    ///
+    /// # Errors
+    /// If the record cannot be written.
+    pub fn finish(mut self) -> Result<Vec<PlatformChange>, ExperimentError> {
+        let before = &self.record.before;
+        let after = platform(before.realtime.clone(), &self.master);
+        self.record.changes = before.changes(&after);
+        self.record.after = Some(after);
+        self.write()?;
+        Ok(self.record.changes)
+    }
+
+    fn write(&self) -> Result<(), ExperimentError> {
+        write_whole(&self.path, &self.record).map_err(|source| ExperimentError::Write {
+            path: self.path.clone(),
+            source,
+        })
+    }
+}
+
+fn platform(grant: RealtimeGrant, master: &Master) -> PlatformRecord {
     PlatformRecord {
-        ros_master: Some(RosMasterRecord {
-            program,
-            version: master::version(program),
-        }),
+        ros_master: master(),
         ..survey::platform(grant)
     }
 }
 
 fn look(
-    path: &Path,
-    master: RosMaster,
+    path: PathBuf,
+    master: Master,
     granted: &Receiver<RealtimeGrant>,
-) -> Result<Option<SurveyRecord>, ExperimentError> {
-    let mut before = platform(RealtimeGrant::default(), master);
+) -> Result<Option<KnownPlatform>, ExperimentError> {
+    let mut before = platform(RealtimeGrant::default(), &master);
     let Ok(grant) = granted.recv() else {
         return Ok(None);
     };
     before.realtime = grant;
-    let record = SurveyRecord {
-        before,
-        after: None,
-        changes: Vec::new(),
-    };
-    let path = path.to_owned();
-    write_whole(&path, &record).map_err(|source| ExperimentError::Write { path, source })?;
-    Ok(Some(record))
+    KnownPlatform::keep(path, before, master).map(Some)
 }
 
 #[cfg(test)]
@@ -112,7 +143,7 @@ mod tests {
     #[test]
     fn the_record_has_the_platform_before_and_after_and_what_the_loops_were_granted() {
         let data = tempfile::tempdir().unwrap();
-        let watch = PlatformWatch::start(data.path(), RosMaster::Embedded).unwrap();
+        let watch = PlatformWatch::start(data.path(), || None).unwrap();
         watch.granted(RealtimeGrant {
             priority_asked: 80,
             ..RealtimeGrant::default()
@@ -127,7 +158,7 @@ mod tests {
     #[test]
     fn without_loops_there_is_no_record() {
         let data = tempfile::tempdir().unwrap();
-        PlatformWatch::start(data.path(), RosMaster::Embedded)
+        PlatformWatch::start(data.path(), || None)
             .unwrap()
             .finish()
             .unwrap();

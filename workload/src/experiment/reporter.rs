@@ -59,14 +59,14 @@ impl Reporter {
         }
     }
 
-    /// Says it. `Health` goes to standard output only: it is for who watches now.
+    /// Says it. A sign of life goes to standard output only: it is for who watches now.
     pub fn say(&self, progress: &Progress) {
         // Progress is plain data: it can always be written as JSON.
         let Ok(mut line) = serde_json::to_string(progress) else {
             return;
         };
         line.push('\n');
-        if let (Some(file), false) = (&self.file, matches!(progress, Progress::Health { .. })) {
+        if let (Some(file), false) = (&self.file, progress.is_sign_of_life()) {
             let _ = file
                 .lock()
                 .unwrap_or_else(PoisonError::into_inner)

@@ -26,15 +26,15 @@ pub struct Snapshot {
 }
 
 impl Snapshot {
-    /// Now. `processes` are those of the nodes, beside this one.
+    /// Now. `processes` are those of the experiment, beside this one.
     #[must_use]
-    pub fn take(network: &dyn Network, processes: &[Pid]) -> Self {
+    pub fn take(network: Option<&dyn Network>, processes: &[Pid]) -> Self {
         Self {
             monotonic_ns: monotonic_ns(),
             unix_offset_ns: unix_offset_ns(),
             counters: Counters::read(processes),
-            links: network.links(),
-            releases: network.release_lateness(),
+            links: network.map(Network::links).unwrap_or_default(),
+            releases: network.and_then(Network::release_lateness),
         }
     }
 
@@ -55,6 +55,14 @@ impl Snapshot {
     #[must_use]
     pub fn conditions_since(&self, earlier: &Self) -> ConditionsRecord {
         self.counters.since(&earlier.counters, self.elapsed_ns(earlier))
+    }
+
+    /// The same where a command used that much of the processors' time meanwhile, which is not others'.
+    #[must_use]
+    pub fn conditions_beside(&self, earlier: &Self, cpu_ns: u64) -> ConditionsRecord {
+        let mut now = self.counters.clone();
+        now.own_cpu_ns += i64::try_from(cpu_ns).unwrap_or(i64::MAX);
+        now.since(&earlier.counters, self.elapsed_ns(earlier))
     }
 
     fn elapsed_ns(&self, earlier: &Self) -> i64 {

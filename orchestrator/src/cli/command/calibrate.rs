@@ -6,6 +6,7 @@ use clap::Args;
 use record::exit::matrix::Exit;
 use reports::analysis::{
     calibration::{self, Calibration, Model, Rate},
+    quantity::Quantity,
     sample,
 };
 use schemars::JsonSchema;
@@ -71,7 +72,8 @@ struct RateRecord {
 pub fn execute(arguments: &CalibrateArguments) -> Result<Exit, CommandError> {
     let run = reports::load(&arguments.run).map_err(|error| unreadable(&error))?;
     let settings = &run.manifest.report;
-    let samples = sample::samples(&run, settings);
+    let quantity = Quantity::main_of_run(&run, settings);
+    let samples = sample::samples(&run, settings, &quantity);
     let found = calibration::calibrate(&samples, settings, arguments.repeats as usize).ok_or_else(|| {
         CommandError {
             what: "no scenario of this run has two windows that count and differ".into(),
@@ -82,7 +84,7 @@ pub fn execute(arguments: &CalibrateArguments) -> Result<Exit, CommandError> {
     if arguments.output.json {
         terminal::json(&document(&found));
     } else {
-        terminal::result(&as_text(&found));
+        terminal::result(&as_text(&found, &quantity));
     }
     Ok(Exit::Done)
 }
@@ -108,19 +110,19 @@ fn document(found: &Calibration) -> CalibrateDocument {
     }
 }
 
-fn as_text(found: &Calibration) -> String {
+fn as_text(found: &Calibration, quantity: &Quantity) -> String {
     let model = &found.model;
     let mut text = format!(
-        "{} scenarios of {} windows of {} values\nwithin windows: standard deviation {:.3} mm, lag 1 {:.2}\nwindow \
-         levels: standard deviation {:.3} mm beyond that, 95 % interval [{:.3}, {:.3}]\n",
+        "{} scenarios of {} windows of {} values\nwithin windows: standard deviation {}, lag 1 {:.2}\nwindow \
+         levels: standard deviation {} beyond that, 95 % interval [{}, {}]\n",
         model.scenarios,
         model.windows,
         model.values,
-        model.within_m * 1e3,
+        quantity.magnitude_text(model.within),
         model.phi,
-        model.between_m * 1e3,
-        model.between_low_m * 1e3,
-        model.between_high_m * 1e3,
+        quantity.magnitude_text(model.between),
+        quantity.magnitude(model.between_low),
+        quantity.magnitude(model.between_high),
     );
     if let Some(p) = found.p_of_order {
         let _ = writeln!(

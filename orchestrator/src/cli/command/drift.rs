@@ -1,7 +1,7 @@
 //! `matrix drift`: whether what is measured night after night has changed.
 
 use std::{
-    collections::BTreeSet,
+    collections::{BTreeMap, BTreeSet},
     env, fs, io,
     path::{Path, PathBuf},
     time::{Duration, SystemTime},
@@ -9,7 +9,9 @@ use std::{
 
 use clap::Args;
 use record::{causes::with_causes, exit::matrix::Exit, quantity::Length, run_directory::Place};
-use reports::drift::{self, Acknowledgements, Drift, Night, Settings, Verdict, contrasts::NightContrasts};
+use reports::drift::{
+    self, Acknowledgements, Drift, Metric, Night, Settings, Verdict, contrasts::NightContrasts,
+};
 
 use crate::{
     cli::{
@@ -90,9 +92,9 @@ pub fn execute(arguments: &DriftArguments) -> Result<Exit, CommandError> {
     let newest = nights.last();
     let settings = Settings {
         alpha: arguments.alpha,
-        equivalence_margin_m: match arguments.equivalence_margin {
-            Some(margin) => Some(margin.metres()),
-            None => newest.and_then(|night| night.equivalence_margin_m),
+        equivalence_margins: match arguments.equivalence_margin {
+            Some(margin) => BTreeMap::from([(Metric::TrackingError, margin.metres())]),
+            None => newest.map(Night::margins).unwrap_or_default(),
         },
         acknowledgements: match (&arguments.acknowledged, &beside) {
             (Some(path), _) => known(path, matrix_file::text_within_limits(path))?,

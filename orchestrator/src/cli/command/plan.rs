@@ -6,7 +6,7 @@ use std::{collections::BTreeMap, fmt::Write, path::PathBuf, time::Duration};
 
 use clap::Args;
 use record::{exit::matrix::Exit, quantity::Length, run_directory::PlannedScenario, settings::Settings};
-use reports::analysis::{replicates, sample};
+use reports::analysis::{quantity::Quantity, replicates, sample};
 use schemars::JsonSchema;
 use serde::Serialize;
 use serde_json::{Map, Value};
@@ -71,8 +71,19 @@ pub async fn execute(arguments: &PlanArguments, catalogue: Catalogue) -> Result<
         }
         planned.plan.warnings.push(warning);
     }
+    let report = &planned.file.report;
+    let settings = planned
+        .plan
+        .record
+        .scenarios
+        .iter()
+        .map(|scenario| &scenario.settings);
+    let quantity = Quantity::main(&Quantity::all(settings, report), report);
     let power = match design {
-        Some(design) => Some((design, design.power(spread_of_levels(arguments, design.unit)?))),
+        Some(design) => {
+            let spread = spread_of_levels(arguments, design.unit, &quantity)?;
+            Some((design, design.power(spread)))
+        }
         None => None,
     };
     let scenarios = planned.plan.record.scenarios.iter();
@@ -83,18 +94,18 @@ pub async fn execute(arguments: &PlanArguments, catalogue: Catalogue) -> Result<
         let mut document = document(&planned.plan);
         document.sensitivity = sensitivity.as_deref().map(sensitivity::records);
         if let Some((design, power)) = &power {
-            document.detectable_shift_m = power.spread_m.map(|_| {
+            document.detectable_shift = power.spread.map(|_| {
                 let planned = power.at(design.units);
-                planned.and_then(|point| point.shift_m)
+                planned.and_then(|point| point.shift)
             });
-            document.spread_m = power.spread_m;
+            document.spread = power.spread;
         }
         document.power = power.map(|(_, power)| power);
         terminal::json(&document);
     } else {
         let mut text = as_text(&planned.plan);
         if let Some((design, power)) = &power {
-            text.push_str(&what_would_be_found(design, power));
+            text.push_str(&what_would_be_found(design, power, &quantity));
         }
         if let Some(found) = &sensitivity {
             text.push_str(&sensitivity::as_text(found));
@@ -142,13 +153,13 @@ pub struct PlanDocument<'a> {
     /// `matrix plan` with a pair.
     #[serde(skip_serializing_if = "Option::is_none")]
     power: Option<DesignPower>,
-    /// The shift that would be found with 80 % power, in metres, null if none would; only with `--pilot`, `--window-sd` or
+    /// The shift that would be found with 80 % power, in the unit of the metric, null if none would; only with `--pilot`, `--window-sd` or
     /// `--environment-sd`.
     #[serde(skip_serializing_if = "Option::is_none")]
-    detectable_shift_m: Option<Option<f64>>,
+    detectable_shift: Option<Option<f64>>,
     /// The standard deviation for it, as `power` has it; only with one of these options.
     #[serde(skip_serializing_if = "Option::is_none")]
-    spread_m: Option<f64>,
+    spread: Option<f64>,
 }
 
 /// A scenario of a plan.
@@ -202,8 +213,8 @@ pub fn document(plan: &Plan) -> PlanDocument<'_> {
         warnings: plan.warnings.to_json(),
         sensitivity: None,
         power: None,
-        detectable_shift_m: None,
-        spread_m: None,
+        detectable_shift: None,
+        spread: None,
     }
 }
 
@@ -220,11 +231,14 @@ pub fn as_text(plan: &Plan) -> String {
         let _ = writeln!(text, "{}: {}: {}", right.setting, right.asked, right.means);
     }
     let measuring = humantime::format_duration(Duration::from_secs_f64(record.measuring_s));
+    // A command is known by its timeout alone.
+    let has_commands = record.scenarios.iter().any(|it| it.settings.experiment.is_some());
     let orders: Vec<String> = record.rounds().map(|(_, order)| order.join(", ")).collect();
     let _ = writeln!(
         text,
-        "order: {}; {measuring} of measuring, about {} of data",
+        "order: {}; {}{measuring} of measuring, about {} of data",
         orders.join(" | "),
+        if has_commands { "at most " } else { "" },
         disk_space::in_words(data_bytes(plan))
     );
     if orders.len() > 1 {
@@ -255,7 +269,11 @@ pub fn as_text(plan: &Plan) -> String {
 }
 
 /// The spread of window levels or of environment means: assumed, or as the pilot run has it.
-fn spread_of_levels(arguments: &PlanArguments, unit: Unit) -> Result<Option<LevelSpread>, CommandError> {
+fn spread_of_levels(
+    arguments: &PlanArguments,
+    unit: Unit,
+    quantity: &Quantity,
+) -> Result<Option<LevelSpread>, CommandError> {
     let wrong = |what: String, hint: &str| CommandError {
         what: what.into(),
         hint: Some(hint.to_owned()),
@@ -273,14 +291,19 @@ fn spread_of_levels(arguments: &PlanArguments, unit: Unit) -> Result<Option<Leve
         };
         return Err(wrong(what, hint));
     }
+    if assumed.is_some() && !quantity.is_tracking_error {
+        let what = format!("this plan measures {}, whose spread is no length", quantity.name);
+        return Err(wrong(what, "give a run of the experiment as `--pilot RUN`"));
+    }
     let Some(pilot) = &arguments.pilot else {
         return Ok(assumed.map(|assumed| LevelSpread {
-            deviation_m: assumed.metres(),
+            deviation: assumed.metres(),
             freedom: None,
         }));
     };
     let run = reports::load(pilot).map_err(|error| unreadable(&error))?;
-    let samples = sample::samples(&run, &run.manifest.report);
+    let report = &run.manifest.report;
+    let samples = sample::samples(&run, report, &Quantity::main_of_run(&run, report));
     let pilot = pilot.display();
     let found = match unit {
         Unit::Window => sample::spread_of_levels(&samples).ok_or_else(|| {
@@ -297,15 +320,15 @@ fn spread_of_levels(arguments: &PlanArguments, unit: Unit) -> Result<Option<Leve
         })?,
     };
     Ok(Some(LevelSpread {
-        deviation_m: found.deviation,
+        deviation: found.deviation,
         freedom: Some(found.freedom),
     }))
 }
 
 /// Two lines: what the plan finds, and what more units would.
-fn what_would_be_found(design: &Design, power: &DesignPower) -> String {
-    let shift = |point: &PowerPoint| match point.shift_m {
-        Some(shift_m) => format!("{:.3} mm", shift_m * 1e3),
+fn what_would_be_found(design: &Design, power: &DesignPower, quantity: &Quantity) -> String {
+    let shift = |point: &PowerPoint| match point.shift {
+        Some(shift) => quantity.magnitude_text(shift),
         None => format!("{:.2} sd", point.shift_sd),
     };
     let mut text = format!("found with {:.0} % power: ", power.power * 100.0);
@@ -327,16 +350,20 @@ fn what_would_be_found(design: &Design, power: &DesignPower) -> String {
         let _ = write!(text, "; {}", more.join(", "));
     }
     let levels = design.unit.levels();
-    let _ = match (power.spread_m, power.spread_freedom) {
-        (Some(spread_m), Some(freedom)) => writeln!(
+    let _ = match (power.spread, power.spread_freedom) {
+        (Some(spread), Some(freedom)) => writeln!(
             text,
-            "\n  if {levels} spread by {:.3} mm, as the pilot estimates with {freedom} degrees of freedom",
-            spread_m * 1e3
+            "\n  if {levels} spread by {}, as the pilot estimates with {freedom} degrees of freedom",
+            quantity.magnitude_text(spread)
         ),
-        (Some(spread_m), None) => writeln!(text, "\n  if {levels} spread by {:.3} mm", spread_m * 1e3),
+        (Some(spread), None) => writeln!(
+            text,
+            "\n  if {levels} spread by {}",
+            quantity.magnitude_text(spread)
+        ),
         (None, _) => writeln!(
             text,
-            "\n  in standard deviations of {levels}; `--pilot RUN` gives millimetres"
+            "\n  in standard deviations of {levels}; `--pilot RUN` gives the unit"
         ),
     };
     text

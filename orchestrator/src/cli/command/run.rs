@@ -2,7 +2,7 @@
 
 use std::{
     fs,
-    path::{self, PathBuf},
+    path::{self, Path, PathBuf},
     time::SystemTime,
 };
 
@@ -20,6 +20,7 @@ use crate::{
         session::{self, ProgressDisplay, RunOptions},
         terminal::{self, CommandError},
     },
+    experiment_files::ExperimentFiles,
     journal, matrix_file,
     preparation::{self, Prepared},
     provider::Catalogue,
@@ -79,7 +80,8 @@ pub async fn execute(arguments: &RunArguments, catalogue: Catalogue) -> Result<E
             exit: Exit::Infrastructure,
         });
     }
-    let manifest = manifest(arguments, &planned)?;
+    let files = experiment_files(arguments, &planned)?;
+    let manifest = manifest(arguments, &planned, files.as_ref())?;
     // Plans, labels and leases are JSON and have it in them.
     if path::absolute(&arguments.out).is_ok_and(|out| out.to_str().is_none()) {
         return Err(CommandError {
@@ -88,7 +90,12 @@ pub async fn execute(arguments: &RunArguments, catalogue: Catalogue) -> Result<E
             exit: Exit::Wrong,
         });
     }
-    let directory = RecordedRun::create(&arguments.out.join(&manifest.run), &manifest, record)?;
+    let directory = RecordedRun::create(
+        &arguments.out.join(&manifest.run),
+        &manifest,
+        record,
+        files.as_ref(),
+    )?;
     let _lock = lock(&directory, &manifest.run)?;
     if !quiet {
         terminal::print_note(&format!(
@@ -117,7 +124,29 @@ pub async fn execute(arguments: &RunArguments, catalogue: Catalogue) -> Result<E
     report::after_run(&directory, exit, arguments.output)
 }
 
-fn manifest(arguments: &RunArguments, planned: &Prepared) -> Result<Manifest, CommandError> {
+/// The files of a user's experiment, which lie beside the matrix file.
+fn experiment_files(
+    arguments: &RunArguments,
+    planned: &Prepared,
+) -> Result<Option<ExperimentFiles>, CommandError> {
+    let experiment = planned.file.workload.experiment.as_ref();
+    let Some(experiment) = experiment.filter(|experiment| !experiment.files.is_empty()) else {
+        return Ok(None);
+    };
+    let folder = arguments.file.parent().unwrap_or(Path::new(""));
+    ExperimentFiles::pack(folder, &experiment.files)
+        .map(Some)
+        .map_err(|error| {
+            let hint = error.hint().map(str::to_owned);
+            CommandError::new(Exit::Wrong, &error, hint)
+        })
+}
+
+fn manifest(
+    arguments: &RunArguments,
+    planned: &Prepared,
+    files: Option<&ExperimentFiles>,
+) -> Result<Manifest, CommandError> {
     let text = planned.file.source.text();
     let path = fs::canonicalize(&arguments.file).unwrap_or_else(|_| arguments.file.clone());
     let providers = planned.file.providers.to_record();
@@ -137,6 +166,7 @@ fn manifest(arguments: &RunArguments, planned: &Prepared) -> Result<Manifest, Co
         seed: arguments.selection.seed,
         providers,
         hosts: hosts(planned),
+        experiment_sha256: files.map(ExperimentFiles::sha256),
         report: planned.file.report.clone(),
         state_directory: Some(StateDirectory::of_this_user().path().to_owned()),
         redacted: false,

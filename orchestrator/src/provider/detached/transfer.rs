@@ -1,7 +1,7 @@
 //! The data folder as `workload detached collect` sends it: LZ4 of tar, each file from the byte that is already here. A
 //! stream that was cut is taken up where it broke off. The function is [`collect`].
 //!
-//! Nothing that is sent is trusted: [`DataFile`] says which names and sizes there are.
+//! Nothing that is sent is trusted: [`Allowance`] says which names and sizes there are.
 
 use std::{
     io::{self, Read},
@@ -19,7 +19,7 @@ use super::{AgentClient, json};
 use crate::provider::{
     ProviderError,
     backoff::Backoff,
-    data_folder::{self, Allowance, Arriving as ArrivingFile, DataFile},
+    data_folder::{self, Allowance, Arriving as ArrivingFile},
 };
 
 const ACTION: &str = "collecting the data";
@@ -39,7 +39,7 @@ pub async fn collect(
     let mut before = 0;
     loop {
         backoff.pause().await;
-        let there = already_there(into)?;
+        let there = already_there(into, allowance)?;
         let bytes: u64 = there.values().sum();
         if bytes > before {
             // What was cut had brought something: it is a bad way, not a lost one.
@@ -109,12 +109,12 @@ impl Read for Arriving {
 }
 
 /// Files that need not be sent from their beginnings, with the bytes that are here.
-fn already_there(into: &Path) -> Result<AlreadyThere, ProviderError> {
+fn already_there(into: &Path, allowance: &Allowance) -> Result<AlreadyThere, ProviderError> {
     let mut there = AlreadyThere::new();
     for path in data_folder::files_below(into, Path::new(""))? {
         let name = path.file_name().and_then(|name| name.to_str());
         if let Some(text) = path.to_str()
-            && DataFile::at(&path).is_some()
+            && allowance.file(&path).is_some()
             && !name.is_some_and(is_sent_whole)
         {
             let length = data_folder::length(&into.join(&path))?;
@@ -224,6 +224,7 @@ mod tests {
                 ..Settings::default()
             },
             windows: vec![1, 2, 3],
+            files: None,
         })
     }
 
@@ -374,13 +375,13 @@ mod tests {
             let (from, into) = (tempfile::tempdir().unwrap(), tempfile::tempdir().unwrap());
             data(from.path());
             for cut in cuts {
-                let there = already_there(into.path()).unwrap();
+                let there = already_there(into.path(), &allowance()).unwrap();
                 let stream = sent(from.path(), &there);
                 // A frame without its end mark alone has all that it says, but for the checksum.
                 let length = ((stream.len() - 9) as f64 * cut) as usize;
                 prop_assert!(unpack(&stream[..length], &there, into.path(), &allowance()).is_err());
             }
-            let there = already_there(into.path()).unwrap();
+            let there = already_there(into.path(), &allowance()).unwrap();
             let stream = sent(from.path(), &there);
             unpack(stream.as_slice(), &there, into.path(), &allowance()).unwrap();
             let relative = |root: &Path| -> Vec<_> {
@@ -400,7 +401,7 @@ mod tests {
             let at = (stream.len() as f64 * at) as usize;
             stream[at] ^= with;
             let (unpacked, left) = left_by(&stream);
-            prop_assert!(left.iter().all(|(path, _)| DataFile::at(Path::new(path)).is_some()));
+            prop_assert!(left.iter().all(|(path, _)| allowance().file(Path::new(path)).is_some()));
             prop_assert!(unpacked.is_err() || left == whole);
         }
     }

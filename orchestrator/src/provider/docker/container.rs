@@ -5,14 +5,20 @@
 //! needs one capability. It gets those, what the matrix file asks for besides, and no network of the engine's. Two of them it
 //! gives up again once its namespaces are there, and what SYS_ADMIN allows beside them is not in [`super::seccomp`].
 
-use std::{collections::HashMap, path::Path};
+use std::collections::HashMap;
 
 use bollard::models::{
     ContainerCreateBody, DeviceMapping, HostConfig, HostConfigLogConfig, Mount, MountType, MountVolumeOptions,
 };
-use record::{quantity::Bytes, settings::Need};
+use record::{call::Folders, quantity::Bytes, settings::Need};
 
-use super::{folders::DATA, image::Image, labels::Labels, seccomp, settings::DockerSettings};
+use super::{
+    folders::{DATA, WORK},
+    image::Image,
+    labels::Labels,
+    seccomp,
+    settings::DockerSettings,
+};
 use crate::provider::{EnvironmentRequest, capability_probe};
 
 /// Where the Dockerfile puts the workload in our images.
@@ -41,14 +47,24 @@ pub fn workload(
     machine_memory: Option<u64>,
 ) -> ContainerCreateBody {
     let arguments = request
-        .arguments(Path::new(DATA))
+        .arguments(Folders {
+            data: DATA.into(),
+            work: WORK.into(),
+        })
         .into_iter()
         .map(|argument| argument.to_string_lossy().into_owned())
         .collect();
     ContainerCreateBody {
         host_config: Some(HostConfig {
-            mounts: Some(vec![volume(request, image)]),
-            ..rights_and_limits(settings, machine_memory)
+            mounts: Some(volumes(request, image)),
+            ..match request.settings.experiment {
+                None => rights_and_limits(settings, machine_memory, &CAPABILITIES),
+                // A command has no need of a network, and of no other right that the workload itself needs for one.
+                Some(_) => HostConfig {
+                    devices: None,
+                    ..rights_and_limits(settings, machine_memory, &[])
+                },
+            }
         }),
         entrypoint: Some(entrypoint(settings, WORKLOAD.to_owned())),
         cmd: Some(arguments),
@@ -76,7 +92,7 @@ pub fn check(
                 target: Some(DATA.to_owned()),
                 ..Mount::default()
             }]),
-            ..rights_and_limits(settings, machine_memory)
+            ..rights_and_limits(settings, machine_memory, &CAPABILITIES)
         }),
         entrypoint: Some(entrypoint(settings, format!("{DATA}{WORKLOAD}"))),
         cmd: Some(capability_probe::call(need).arguments().into()),
@@ -102,7 +118,11 @@ fn bare(labels: &Labels, image: &str) -> ContainerCreateBody {
 }
 
 /// What the workload may do, and how much of the machine it has.
-fn rights_and_limits(settings: &DockerSettings, machine_memory: Option<u64>) -> HostConfig {
+fn rights_and_limits(
+    settings: &DockerSettings,
+    machine_memory: Option<u64>,
+    capabilities: &[&str],
+) -> HostConfig {
     let asked_for = settings.capabilities.iter().map(ToString::to_string);
     let security = [
         "no-new-privileges:true".to_owned(),
@@ -123,9 +143,10 @@ fn rights_and_limits(settings: &DockerSettings, machine_memory: Option<u64>) -> 
         readonly_rootfs: Some(true),
         cap_drop: Some(vec!["ALL".to_owned()]),
         cap_add: Some(
-            CAPABILITIES
+            capabilities
+                .iter()
+                .copied()
                 .map(str::to_owned)
-                .into_iter()
                 .chain(asked_for)
                 .collect(),
         ),
@@ -167,20 +188,36 @@ pub fn reader(request: &EnvironmentRequest, image: &Image) -> ContainerCreateBod
         labels: Some(Labels::of_environment(request).write()),
         host_config: Some(HostConfig {
             network_mode: Some("none".to_owned()),
-            mounts: Some(vec![volume(request, image)]),
+            mounts: Some(vec![volume(request, image, &request.environment, DATA)]),
             ..HostConfig::default()
         }),
         ..ContainerCreateBody::default()
     }
 }
 
-/// The volume, which the engine makes with the container. It outlives it until it is collected.
-fn volume(request: &EnvironmentRequest, image: &Image) -> Mount {
+/// The names of an environment's volumes: of its data, and of a command's work.
+pub fn volume_names(request: &EnvironmentRequest) -> Vec<String> {
+    let name = &request.environment;
+    let of_a_command = request.settings.experiment.is_some();
+    let work = of_a_command.then(|| format!("{name}-work"));
+    [name.clone()].into_iter().chain(work).collect()
+}
+
+/// The volumes, which the engine makes with the container. They outlive it until the data are collected.
+fn volumes(request: &EnvironmentRequest, image: &Image) -> Vec<Mount> {
+    let names = volume_names(request);
+    let named = names.iter().zip([DATA, WORK]);
+    named
+        .map(|(name, target)| volume(request, image, name, target))
+        .collect()
+}
+
+fn volume(request: &EnvironmentRequest, image: &Image, name: &str, target: &str) -> Mount {
     let sha256 = image.workload_sha256.as_deref().unwrap_or_default();
     Mount {
         typ: Some(MountType::VOLUME),
-        source: Some(request.environment.clone()),
-        target: Some(DATA.to_owned()),
+        source: Some(name.to_owned()),
+        target: Some(target.to_owned()),
         volume_options: Some(MountVolumeOptions {
             no_copy: Some(true),
             labels: Some(Labels::of_environment(request).with_workload(sha256).write()),
@@ -219,6 +256,7 @@ mod tests {
             host: "here".to_owned(),
             settings: Settings::default(),
             windows: vec![1, 2],
+            files: None,
         }
     }
 
@@ -275,7 +313,7 @@ mod tests {
         let mut measuring = workload(&request(), &settings, &image(), None)
             .host_config
             .unwrap();
-        let check = check(&Need::of(&Settings::default()), &settings, "i", None);
+        let check = check(&Need::of_the_ball(&Settings::default()), &settings, "i", None);
         let mut checking = check.host_config.unwrap();
         let mount = checking.mounts.take().unwrap().remove(0);
         assert_eq!((mount.source, mount.target.as_deref()), (None, Some(DATA)));

@@ -16,6 +16,7 @@ use serde_json::{Map, Value};
 
 use super::{
     archive,
+    container::volume_names,
     engine::{Engine, if_there, is_missing, translate},
     follow::{Follower, until_ended, until_removed},
 };
@@ -25,8 +26,9 @@ use crate::provider::{Ended, Environment, EnvironmentRequest, ProviderError, dat
 #[derive(Debug)]
 pub struct DockerEnvironment {
     engine: Engine,
-    /// Its name, which is its volume's and its container's.
+    /// Its name, which is its container's and that of the volume with its data.
     name: String,
+    volumes: Vec<String>,
     allowance: Allowance,
     facts: Map<String, Value>,
     remains: Remains,
@@ -65,6 +67,7 @@ impl DockerEnvironment {
         Self {
             engine,
             name: request.environment.clone(),
+            volumes: volume_names(request),
             allowance: Allowance::of(request),
             facts,
             remains,
@@ -238,7 +241,10 @@ impl Environment for DockerEnvironment {
             engine.retried(|| remove_container(engine, reader)).await?;
         }
         engine.retried(|| remove_container(engine, &self.name)).await?;
-        engine.retried(|| remove_volume(engine, &self.name)).await
+        for volume in &self.volumes {
+            engine.retried(|| remove_volume(engine, volume)).await?;
+        }
+        Ok(())
     }
 }
 

@@ -195,6 +195,7 @@ mod tests {
             host: "here".to_owned(),
             settings: record::settings::Settings::default(),
             windows: vec![1],
+            files: None,
         };
         let mut labels = Labels::of_environment(&request).write();
         for (label, value) in changed {

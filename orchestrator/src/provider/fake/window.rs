@@ -20,8 +20,8 @@ use record::{
     settings::Settings,
     virtual_host::VirtualHost,
     window::{
-        CaptureRecord, ConditionsRecord, FileRecord, LinkRecord, LoopRecord, NoticesRecord, PassRecord,
-        Verdict, WindowRecord,
+        CaptureRecord, ConditionsRecord, FileRecord, LinkRecord, LoopRecord, LoopsRecord, NoticesRecord,
+        OfExperiment, PassRecord, Verdict, WindowRecord,
     },
 };
 use sha2::{Digest as _, Sha256};
@@ -188,14 +188,16 @@ fn record(fake: &FakeWindow<'_>, rows: &[ControlRow], files: Vec<FileRecord>) ->
         ended_unix_ns,
         started_ns,
         ended_ns: started_ns + nanoseconds(length),
-        steps_expected: settings.steps_per_window(),
-        steps_done: steps,
-        controller: on_time,
-        plant: on_time,
-        stale_steps: 0,
-        longest_gap_ns: nanoseconds(step),
+        of: OfExperiment::Loops(LoopsRecord {
+            steps_expected: settings.steps_per_window(),
+            steps_done: steps,
+            controller: on_time,
+            plant: on_time,
+            stale_steps: 0,
+            longest_gap_ns: nanoseconds(step),
+            log_dropped: 0,
+        }),
         clock_jump_ns: 0,
-        log_dropped: 0,
         cpu_share: 0.0,
         conditions: ConditionsRecord::default(),
         captures: if settings.capture.enabled {

@@ -225,6 +225,7 @@ async fn events(platform: impl Provider + 'static) -> Vec<Event> {
         name: "r".into(),
         directory,
         plan: &plan,
+        files: None,
         events: Events::new(journal, RunState::default(), vec![Box::new(Kept(keep))]),
         fleet: &fleet,
         stop,

@@ -31,7 +31,7 @@ pub struct Comparisons {
 
 impl Comparisons {
     /// A row for each comparison, in the order of the windows; none if there are more than [`LISTED`]. Columns: `a`,
-    /// `a_window`, `b`, `b_window`, `n`, `m`, `d`, `h`, `lcm`, `p`, `log10_p`, `signed_d`, `at_m`, `method`, `rejected`.
+    /// `a_window`, `b`, `b_window`, `n`, `m`, `d`, `h`, `lcm`, `p`, `log10_p`, `signed_d`, `at`, `method`, `rejected`.
     #[must_use]
     pub const fn frame(&self) -> &DataFrame {
         &self.frame
@@ -175,7 +175,7 @@ fn piece(
         "p" => column(tests, |test| test.p),
         "log10_p" => column(tests, |test| test.log10_p),
         "signed_d" => column(tests, |test| test.signed_d().0),
-        "at_m" => column(tests, |test| test.signed_d().1),
+        "at" => column(tests, |test| test.signed_d().1),
         "method" => column(tests, |test| test.method.name()),
         "rejected" => column(tests, |test| test.p < settings.alpha),
     ]
@@ -257,7 +257,7 @@ impl<'a> Columns<'a> {
                 number("p")?,
                 number("log10_p")?,
                 number("signed_d")?,
-                number("at_m")?,
+                number("at")?,
             ],
             rejected: frame.column("rejected")?.bool()?,
         })
@@ -267,7 +267,7 @@ impl<'a> Columns<'a> {
         let [a, b, method] = self.texts;
         let [a_window, b_window] = self.windows;
         let [n, m, h, lcm] = self.counts;
-        let [d, p, log10_p, signed_d, at_m] = self.numbers;
+        let [d, p, log10_p, signed_d, place] = self.numbers;
         let method = method.get(at)?;
         Some(Comparison {
             a: a.get(at)?,
@@ -283,7 +283,7 @@ impl<'a> Columns<'a> {
                 p: p.get(at)?,
                 log10_p: log10_p.get(at)?,
                 signed_d: signed_d.get(at)?,
-                at: at_m.get(at),
+                at: place.get(at),
                 method: Method::ALL.into_iter().find(|it| it.name() == method)?,
             },
             rejected: self.rejected.get(at)?,

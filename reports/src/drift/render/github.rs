@@ -21,7 +21,7 @@ impl Drift {
                     judgement.scenario,
                     judgement.metric.name()
                 )),
-                message(&finding.in_words(judgement.metric))
+                message(&finding.in_words(&judgement.metric))
             );
         }
         for judgement in &self.judgements {
@@ -50,7 +50,7 @@ impl Drift {
                 "\n- **{} {}** {}",
                 cell(&judgement.scenario),
                 judgement.metric.name(),
-                cell(&finding.in_words(judgement.metric))
+                cell(&finding.in_words(&judgement.metric))
             );
         }
         text.push_str("\n\n| scenario | metric | nights | verdict |\n|---|---|---:|---|\n");

@@ -34,9 +34,9 @@ struct JudgementEntry<'a> {
     /// The scenario's slug.
     scenario: &'a str,
     /// `error`, `state-age`, `packet-delay`, `lateness` or `provisioning`.
-    metric: &'static str,
+    metric: &'a str,
     /// The SI unit of the metric's values.
-    unit: &'static str,
+    unit: &'a str,
     /// `no drift found`, `too little data`, `invalid measurement` or `drift`.
     verdict: &'static str,
     /// Why nothing can be judged; null where something can.
@@ -123,7 +123,7 @@ impl Drift {
                 "• {} {} {}",
                 judgement.scenario,
                 judgement.metric.name(),
-                finding.in_words(judgement.metric)
+                finding.in_words(&judgement.metric)
             ));
         }
         json!({"text": plain(&lines.join("\n")), "drift": self.json()})

@@ -47,8 +47,8 @@ fn outcome(judgement: &Judgement) -> String {
         .findings
         .iter()
         .map(|finding| match finding.silence() {
-            Some(silence) => format!("{}; {silence}", finding.in_words(judgement.metric)),
-            None => finding.in_words(judgement.metric),
+            Some(silence) => format!("{}; {silence}", finding.in_words(&judgement.metric)),
+            None => finding.in_words(&judgement.metric),
         })
         .collect();
     let (words, details) = (escaped(&judgement.in_words()), escaped(&details.join("\n")));

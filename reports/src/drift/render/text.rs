@@ -20,7 +20,7 @@ impl Drift {
                 "{} {} {}",
                 judgement.scenario,
                 judgement.metric.name(),
-                finding.in_words(judgement.metric)
+                finding.in_words(&judgement.metric)
             );
             text.push_str(&format!("{}\n", wrapped(&told, "- ", "  ")));
         }
@@ -35,7 +35,7 @@ impl Drift {
             text.push_str(&format!("{}\n", wrapped(&told, "- ", "  ")));
             for finding in &judgement.findings {
                 if let Some(silence) = finding.silence() {
-                    let told = format!("{}; {silence}", finding.in_words(judgement.metric));
+                    let told = format!("{}; {silence}", finding.in_words(&judgement.metric));
                     text.push_str(&format!("{}\n", wrapped(&told, "  - ", "    ")));
                 }
             }

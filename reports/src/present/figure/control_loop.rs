@@ -6,14 +6,14 @@ use record::settings::Settings;
 use super::{
     Figure, FigureError, Kind,
     canvas::{About, Area, COLUMN_PT, DrawingError, drawn},
-    schematic::{Schematic, alike, letters_of},
+    schematic::{Schematic, alike, letters_of, of_the_ball},
     topology::delay,
 };
 use crate::input::run::Run;
 
 /// Draws each control loop of the run once.
 pub(super) fn draw(run: &Run) -> Result<Vec<Figure>, FigureError> {
-    let groups = alike(&run.scenarios, |scenario| {
+    let groups = alike(of_the_ball(run), |scenario| {
         let settings = &scenario.planned.settings;
         (values(settings), delay(&settings.network))
     });

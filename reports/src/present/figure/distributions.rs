@@ -35,7 +35,8 @@ pub(super) fn draw(report: &Report, pair: &WindowPair<'_>) -> Result<Figure, Fig
         kind: Kind::Distributions,
         of: pair.name.clone(),
         caption: format!(
-            "Distribution functions of the errors of {first}, and {second}: {}, n = {}, m = {}, p = {} ({}), {} at p < {}. {}{counts}.",
+            "Distribution functions of the {} of {first}, and {second}: {}, n = {}, m = {}, p = {} ({}), {} at p < {}. {}{counts}.",
+            report.quantity.values_name(),
             distance(comparison),
             comparison.test.n,
             comparison.test.m,
@@ -55,8 +56,8 @@ pub(super) fn draw(report: &Report, pair: &WindowPair<'_>) -> Result<Figure, Fig
     let curves = Curves {
         samples: pair.samples(report),
         names: pair.names(),
-        x: format!("error of a period, {} (m)", report.settings.metric.formula()),
-        y: "share of periods",
+        x: report.quantity.axis(),
+        y: format!("share of {}", report.quantity.value_nouns()[1]),
         distance: distance(comparison),
     };
     drawn(about, |area| curves.draw(area))
@@ -73,8 +74,11 @@ pub(super) fn example(report: &Report) -> Result<Option<Figure>, FigureError> {
         of: String::new(),
         caption: format!(
             "The two-sample Kolmogorov-Smirnov test: D is the largest distance between the distribution functions \
-             of two samples, here of {first}, and {second}, {} and {} periods. {}.",
-            pair.comparison.test.n, pair.comparison.test.m, pair.choice
+             of two samples, here of {first}, and {second}, {} and {} {}. {}.",
+            pair.comparison.test.n,
+            pair.comparison.test.m,
+            report.quantity.value_nouns()[1],
+            pair.choice
         ),
         is_simulated: pair.is_simulated(),
         height_pt: 150.0,
@@ -82,8 +86,13 @@ pub(super) fn example(report: &Report) -> Result<Option<Figure>, FigureError> {
     let curves = Curves {
         samples: pair.samples(report),
         names: [format!("F(x) of {first}"), format!("G(x) of {second}")],
-        x: "x, the error of a period (m)".to_owned(),
-        y: "F(x), G(x)",
+        x: report
+            .quantity
+            .with_file_unit(match report.quantity.is_tracking_error {
+                true => "x, the error of a period",
+                false => &report.quantity.name,
+            }),
+        y: "F(x), G(x)".to_owned(),
         distance: "D".to_owned(),
     };
     drawn(about, |area| curves.draw(area)).map(Some)
@@ -109,7 +118,7 @@ struct Curves {
     samples: [Vec<f64>; 2],
     names: [String; 2],
     x: String,
-    y: &'static str,
+    y: String,
     distance: String,
 }
 
@@ -126,7 +135,7 @@ impl Curves {
         let axes = Axes {
             x: low..high,
             y: 0.0..1.0,
-            names: [&self.x, self.y],
+            names: [&self.x, &self.y],
             ticks: [5, 5],
             sides_pt: [30.0, 12.0],
         };

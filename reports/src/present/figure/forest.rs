@@ -48,18 +48,18 @@ fn on(area: &Area<'_>, forest: &Forest) -> Result<(), DrawingError> {
             (Sample::Line(all), "all pairs at once"),
         ],
     )?;
-    let (low, high) = forest.range_mm();
+    let (low, high) = forest.range();
     let rows = forest.rows.len() as f64;
     let axes = Axes {
         x: low..high,
         y: -0.5..rows + 0.5,
-        names: [&format!("shift of the {} means (mm)", forest.unit), ""],
+        names: [&forest.heading, ""],
         ticks: [5, 0],
         sides_pt: [NAMES_PT, 12.0],
     };
     let mut chart = axes.draw(&below)?;
     let (bottom, top) = (-0.5, rows + 0.5);
-    if let Some(margin) = forest.margin_mm {
+    if let Some(margin) = forest.margin {
         chart.draw_series([Rectangle::new([(-margin, bottom), (margin, top)], BAND.filled())])?;
     }
     chart.draw_series([PathElement::new([(0.0, bottom), (0.0, top)], zero)])?;
@@ -69,14 +69,14 @@ fn on(area: &Area<'_>, forest: &Forest) -> Result<(), DrawingError> {
         .zip(&forest.rows)
         .map(|(nth, row)| (rows - f64::from(nth) + 0.5, row))
     {
-        for (interval, style) in [(row.all_mm, all), (row.each_mm, each)] {
+        for (interval, style) in [(row.all, all), (row.each, each)] {
             let ends = interval.map(|(from, to)| PathElement::new([(from, y), (to, y)], style));
             chart.draw_series(ends)?;
         }
-        for end in row.all_mm.into_iter().flat_map(|(from, to)| [from, to]) {
+        for end in row.all.into_iter().flat_map(|(from, to)| [from, to]) {
             chart.draw_series([PathElement::new([(end, y - 0.2), (end, y + 0.2)], all)])?;
         }
-        chart.draw_series([Circle::new((row.shift_mm, y), pt(2.2), BLACK.filled())])?;
+        chart.draw_series([Circle::new((row.shift, y), pt(2.2), BLACK.filled())])?;
         let (_, middle) = chart.backend_coord(&(low, y));
         let (_, offset) = below.get_base_pixel();
         let name = fitted(&row.name, NAMES_PT - 4.0, LETTERS_PT);

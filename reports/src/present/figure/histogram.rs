@@ -20,6 +20,7 @@ const FILL: RGBColor = RGBColor(166, 206, 227);
 
 /// Draws the histograms of two windows.
 pub(super) fn draw(report: &Report, pair: &WindowPair<'_>) -> Result<Figure, FigureError> {
+    let quantity = &report.quantity;
     let samples = pair.samples(report);
     let [first, second] = pair.names();
     let means = samples
@@ -29,26 +30,28 @@ pub(super) fn draw(report: &Report, pair: &WindowPair<'_>) -> Result<Figure, Fig
         kind: Kind::Histogram,
         of: pair.name.clone(),
         caption: format!(
-            "Histograms of the errors of {first} ({} periods, mean {:.5} m), and {second} ({} periods, mean {:.5} m), with the same \
-             bars. {}.",
-            samples[0].len(),
-            means[0],
-            samples[1].len(),
-            means[1],
+            "Histograms of the {} of {first} ({}, mean {}), and {second} ({}, mean {}), with the same bars. {}.",
+            quantity.values_name(),
+            quantity.count(samples[0].len()),
+            quantity.text(means[0]),
+            quantity.count(samples[1].len()),
+            quantity.text(means[1]),
             pair.choice
         ),
         is_simulated: pair.is_simulated(),
         height_pt: 165.0,
     };
-    let axis = format!("error of a period, {} (m)", report.settings.metric.formula());
-    drawn(about, |area| draw_bars(area, &samples, &[&first, &second], &axis))
+    let (axis, share) = (quantity.axis(), format!("share of {}", quantity.value_nouns()[1]));
+    drawn(about, |area| {
+        draw_bars(area, &samples, &[&first, &second], [&axis, &share])
+    })
 }
 
 fn draw_bars(
     area: &Area<'_>,
     samples: &[Vec<f64>; 2],
     names: &[&str; 2],
-    axis: &str,
+    axes: [&str; 2],
 ) -> Result<(), DrawingError> {
     let (edge, outline) = (line(FIRST, 0.5), line(SECOND, 1.25));
     let below = legend(
@@ -65,14 +68,14 @@ fn draw_bars(
         .map(|bar| bar.share)
         .fold(0.0, f64::max);
     let (low, high) = range(samples);
-    let axes = Axes {
+    let drawn = Axes {
         x: low..high,
         y: 0.0..highest * 1.05,
-        names: [axis, "share of periods"],
+        names: axes,
         ticks: [5, 5],
         sides_pt: [34.0, 12.0],
     };
-    let mut chart = axes.draw(&below)?;
+    let mut chart = drawn.draw(&below)?;
     let [first, second] = &histograms;
     for bar in first.iter().filter(|bar| bar.share > 0.0) {
         let corners = [(bar.from, 0.0), (bar.to, bar.share)];

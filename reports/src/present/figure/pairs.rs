@@ -188,9 +188,9 @@ impl WindowPair<'_> {
         [(it.a, it.a_window), (it.b, it.b_window)].map(|(scenario, window)| {
             let mut samples = report.samples.iter();
             let found = samples.find(|sample| sample.scenario == scenario && sample.window == window);
-            let mut errors_m = found.map(|sample| sample.errors_m.clone()).unwrap_or_default();
-            errors_m.sort_by(f64::total_cmp);
-            errors_m
+            let mut values = found.map(|sample| sample.values.clone()).unwrap_or_default();
+            values.sort_by(f64::total_cmp);
+            values
         })
     }
 

@@ -10,7 +10,7 @@ use plotters::{
 };
 
 use super::canvas::{Area, DASH_PT, DrawingError, LETTERS_PT, SMALL_PT, anchored, line, pt};
-use crate::input::run::ScenarioRun;
+use crate::input::run::{Run, ScenarioRun};
 
 /// A place on the drawing, from the upper left corner.
 pub(super) type At = (f64, f64);
@@ -108,11 +108,11 @@ impl Schematic<'_, '_> {
 
 /// The scenarios that have data, those that are alike in what is drawn together, each group by its first.
 pub(super) fn alike<'a, K: PartialEq>(
-    scenarios: &'a [ScenarioRun],
+    scenarios: impl Iterator<Item = &'a ScenarioRun>,
     key: impl Fn(&'a ScenarioRun) -> K,
 ) -> Vec<(K, Vec<&'a ScenarioRun>)> {
     let mut groups: Vec<(K, Vec<&ScenarioRun>)> = Vec::new();
-    for scenario in scenarios.iter().filter(|it| it.counted().next().is_some()) {
+    for scenario in scenarios.filter(|it| it.counted().next().is_some()) {
         let key = key(scenario);
         match groups.iter_mut().find(|(known, _)| *known == key) {
             Some((_, group)) => group.push(scenario),
@@ -120,6 +120,12 @@ pub(super) fn alike<'a, K: PartialEq>(
         }
     }
     groups
+}
+
+/// The scenarios that measure the ball on the plate, whose parts are known.
+pub(super) fn of_the_ball(run: &Run) -> impl Iterator<Item = &ScenarioRun> {
+    let scenarios = run.scenarios.iter();
+    scenarios.filter(|scenario| scenario.planned.settings.experiment.is_none())
 }
 
 /// The letters of scenarios, in a sentence.

@@ -6,13 +6,13 @@ use record::settings::{NetworkBackend, NetworkSettings, RosMaster};
 use super::{
     Figure, FigureError, Kind,
     canvas::{About, Area, COLUMN_PT, DrawingError, drawn},
-    schematic::{Schematic, alike, letters_of},
+    schematic::{Schematic, alike, letters_of, of_the_ball},
 };
 use crate::input::run::Run;
 
 /// Draws each network of the run once.
 pub(super) fn draw(run: &Run) -> Result<Vec<Figure>, FigureError> {
-    let groups = alike(&run.scenarios, |scenario| {
+    let groups = alike(of_the_ball(run), |scenario| {
         let settings = &scenario.planned.settings;
         // What is drawn one way whatever it is, such as a seed, makes no other drawing.
         (

@@ -16,7 +16,8 @@ const POINTS: usize = 1000;
 const PLANE_PT: f64 = 155.0;
 
 pub(super) fn draw(scenario: &ScenarioRun, error: ErrorOf) -> Result<Option<Figure>, FigureError> {
-    let Some((window, _, trace)) = scenario.counted().next() else {
+    let mut counted = scenario.counted();
+    let Some((window, trace)) = counted.find_map(|(window, _, data)| Some((window, data.trace()?))) else {
         return Ok(None);
     };
     let planned = &scenario.planned;

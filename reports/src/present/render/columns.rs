@@ -39,7 +39,7 @@ const COMPARISONS: [&str; 32] = [
     "p",
     "log10_p",
     "signed_d",
-    "at_m",
+    "at",
     "method",
     "alpha",
     "rejected",
@@ -108,21 +108,21 @@ fn all_contrasts(report: &Report) -> PolarsResult<DataFrame> {
         "p_max_t" => column(report, |c| c.p_max_t),
         "verdict" => column(report, |c| c.verdict.name()),
         "unlike" => column(report, |c| unlike(&c.a, &c.b)),
-        "shift_m" => value(|e| &e.shift_m),
-        "shift_low_m" => low(|e| &e.shift_m),
-        "shift_high_m" => high(|e| &e.shift_m),
-        "shift_confidence" => column(report, |c| c.effect.shift_m.interval.map(|i| i.confidence)),
-        "wasserstein_m" => value(|e| &e.wasserstein_m),
-        "wasserstein_low_m" => low(|e| &e.wasserstein_m),
-        "wasserstein_high_m" => high(|e| &e.wasserstein_m),
+        "shift" => value(|e| &e.shift),
+        "shift_low" => low(|e| &e.shift),
+        "shift_high" => high(|e| &e.shift),
+        "shift_confidence" => column(report, |c| c.effect.shift.interval.map(|i| i.confidence)),
+        "wasserstein" => value(|e| &e.wasserstein),
+        "wasserstein_low" => low(|e| &e.wasserstein),
+        "wasserstein_high" => high(|e| &e.wasserstein),
         "superiority" => value(|e| &e.superiority),
         "superiority_low" => low(|e| &e.superiority),
         "superiority_high" => high(|e| &e.superiority),
         "p_shift" => column(report, |c| c.p_shift),
         "p_shift_holm" => column(report, |c| c.p_shift_holm),
-        "shift_simultaneous_low_m" => column(report, |c| c.simultaneous_m.map(|i| i.low)),
-        "shift_simultaneous_high_m" => column(report, |c| c.simultaneous_m.map(|i| i.high)),
-        "simultaneous_confidence" => column(report, |c| c.simultaneous_m.map(|i| i.confidence)),
+        "shift_simultaneous_low" => column(report, |c| c.simultaneous.map(|i| i.low)),
+        "shift_simultaneous_high" => column(report, |c| c.simultaneous.map(|i| i.high)),
+        "simultaneous_confidence" => column(report, |c| c.simultaneous.map(|i| i.confidence)),
     ]?;
     // Before the number of their labellings.
     let first = frame.try_get_column_index("shape_labellings")?;
@@ -147,14 +147,14 @@ pub(crate) fn samples(report: &Report) -> Pieces<'_> {
 fn all_samples(report: &Report) -> PolarsResult<DataFrame> {
     let mut columns = (Vec::new(), Vec::new(), Vec::new(), Vec::new());
     for sample in &report.samples {
-        for (period, error_m) in (sample.first_period..).zip(&sample.errors_m) {
+        for (period, value) in (sample.first_value..).zip(&sample.values) {
             columns.0.push(sample.scenario.as_str());
             columns.1.push(sample.window);
             columns.2.push(period);
-            columns.3.push(*error_m);
+            columns.3.push(*value);
         }
     }
-    df!["scenario" => columns.0, "window" => columns.1, "period" => columns.2, "error_m" => columns.3]
+    df!["scenario" => columns.0, "window" => columns.1, "number" => columns.2, "value" => columns.3]
 }
 
 /// One row a period and direction of the windows that count, whether or not the period counts.

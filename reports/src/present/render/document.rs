@@ -40,14 +40,17 @@ pub struct ReportDocument<'a> {
     pub alpha: f64,
     /// How p-values are computed.
     pub method: Method,
-    /// What is averaged over each period, in metres.
-    pub metric: Metric,
-    /// The positions that the error is of.
-    pub error: ErrorOf,
-    /// Periods left out at the start of each run of the loop.
-    pub discard_periods: u32,
-    /// What is done about a window that warms up for longer than that.
-    pub warm_up: WarmUp,
+    /// What the values of the samples are, in whose unit all shifts, distances and margins are.
+    pub quantity: QuantityEntry<'a>,
+    /// The names of all metrics of the experiment. `report/metrics/NAME/report.json` has each of the others whose distributions are
+    /// compared.
+    pub metrics: &'a [String],
+    /// How the values of the ball on the plate are made; only of that experiment.
+    #[serde(flatten, skip_serializing_if = "Option::is_none")]
+    pub periods: Option<PeriodsEntry>,
+    /// The metrics that are compared byte for byte.
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    pub agreements: Vec<AgreementEntry<'a>>,
     /// The baseline: the scenarios that the others are compared with, by axis values.
     pub control: &'a BTreeMap<String, String>,
     /// What to know before believing the rest.
@@ -127,10 +130,15 @@ pub struct ScenarioEntry<'a> {
     pub axes: &'a Map<String, Value>,
     /// Whether it belongs to the baseline.
     pub is_control: bool,
-    /// Which rules plant, controller and messages followed.
-    pub dynamics: Dynamics,
-    /// Dotted paths of the settings that are not as `dynamics` sets them.
-    pub overridden: &'a [String],
+    /// Which rules plant, controller and messages followed; only of the ball on the plate.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub dynamics: Option<Dynamics>,
+    /// Dotted paths of the settings that are not as `dynamics` sets them; only of the ball on the plate.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub overridden: Option<&'a [String]>,
+    /// The experiment's name; only of a command.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub experiment: Option<&'a str>,
     /// Whether its numbers were made up by the provider `fake`.
     pub simulated: bool,
     /// `completed`, `failed` (the workload reported a failure), `errored` (the infrastructure failed), `infeasible`,
@@ -148,8 +156,95 @@ pub struct ScenarioEntry<'a> {
     pub environment: Option<&'a EnvironmentRecord>,
     /// How the values within its windows depend on each other; null without a window that counts.
     pub within: Option<WithinEntry<'a>>,
-    /// How well its platform held the schedule; null without a window that counts.
+    /// How well its platform held the schedule; null without a window that counts, and of a command.
     pub health: Option<HealthEntry>,
+    /// What the calls of the command came to; only of a command, with a window that counts.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub calls: Option<CallsEntry>,
+}
+
+/// A metric.
+#[derive(Serialize)]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
+pub struct QuantityEntry<'a> {
+    /// Its name.
+    pub name: &'a str,
+    /// Its unit; empty for numbers without one.
+    pub unit: &'a str,
+    /// Where its values come from, in a sentence.
+    pub origin: &'a str,
+}
+
+/// How the values of the ball on the plate are made.
+#[derive(Serialize)]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
+pub struct PeriodsEntry {
+    /// What is averaged over each period.
+    pub metric: Metric,
+    /// The positions that the error is of.
+    pub error: ErrorOf,
+    /// Periods left out at the start of each run of the loop.
+    pub discard_periods: u32,
+    /// What is done about a window that warms up for longer than that.
+    pub warm_up: WarmUp,
+}
+
+/// A metric that is compared byte for byte.
+#[derive(Serialize)]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
+pub struct AgreementEntry<'a> {
+    /// Its name.
+    pub metric: &'a str,
+    /// The windows that are compared: those that count in every scenario with data.
+    pub windows: &'a [u32],
+    /// The scenarios that have the same in all of them; the first group has the first scenario.
+    pub groups: Vec<GroupEntry<'a>>,
+    /// The scenarios without a window that counts.
+    pub without_data: &'a [String],
+}
+
+/// Scenarios that have the same.
+#[derive(Serialize)]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
+pub struct GroupEntry<'a> {
+    /// Their letters.
+    pub scenarios: &'a [String],
+    /// In how many windows they have the same as the first group.
+    pub same_as_first: usize,
+    /// The first place where they have something else; null for the first group.
+    pub parts: Option<PartingEntry<'a>>,
+}
+
+/// Where two files part.
+#[derive(Serialize)]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
+pub struct PartingEntry<'a> {
+    /// The window.
+    pub window: u32,
+    /// The byte, from 0; null behind the first MiB.
+    pub byte: Option<u64>,
+    /// The line of that byte, from 1.
+    pub line: u64,
+    /// The characters of the first group there.
+    pub first: &'a str,
+    /// The characters of this group there.
+    pub this: &'a str,
+}
+
+/// What the calls of a command came to, over the windows of a scenario that count.
+#[derive(Serialize)]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
+pub struct CallsEntry {
+    /// How long a call took, mean, in seconds.
+    pub mean_s: f64,
+    /// How long the longest took, in seconds.
+    pub longest_s: f64,
+    /// Mean use of the processor, as a share of one core.
+    pub cpu_share: f64,
+    /// The largest memory of a process, in bytes.
+    pub peak_memory_bytes: u64,
+    /// Processes that were ended since they were still there when the command had ended.
+    pub left_behind: u64,
 }
 
 /// A window of the plan.
@@ -220,8 +315,8 @@ pub struct UnsteadyWindow {
     pub warm_up_periods: Option<f64>,
     /// Periods before its change of level; null if it has none.
     pub change_after_periods: Option<usize>,
-    /// By how much the level changes, in metres.
-    pub change_m: Option<f64>,
+    /// By how much the level changes.
+    pub change: Option<f64>,
     /// The p-value of that change.
     pub change_p: Option<f64>,
 }
@@ -325,8 +420,8 @@ pub struct FamilyEntry<'a> {
     pub pairs: usize,
     /// Letters of the pairs without data.
     pub without_data: &'a [(String, String)],
-    /// The equivalence margin: the smallest shift of the error that matters, in metres; null if none was declared.
-    pub matters_m: Option<f64>,
+    /// The equivalence margin: the smallest shift of the error that matters; null if none was declared.
+    pub equivalence_margin: Option<f64>,
     /// Seed of the relabellings and resamples that are drawn.
     pub seed: u64,
     /// The dealings of the whole family; null without a pair.
@@ -399,9 +494,9 @@ pub struct ContrastEntry<'a> {
     pub p_shift: Option<f64>,
     /// `p_shift` adjusted by Holm's method.
     pub p_shift_holm: Option<f64>,
-    /// An interval of the shift of the mean level in metres that holds for all pairs of the family at once; null where so few windows
+    /// An interval of the shift of the mean level that holds for all pairs of the family at once; null where so few windows
     /// cannot have it.
-    pub simultaneous_m: Option<IntervalEntry>,
+    pub simultaneous: Option<IntervalEntry>,
     /// `cannot tell`, `not told apart`, `immaterial`, `differ`, `differ, matters`, `differ, size open` or `differ, level open`.
     pub verdict: &'static str,
     /// What of the two experiments is not the same; empty if they ran the same.
@@ -463,10 +558,10 @@ pub struct BlocksEntry {
 #[derive(Serialize)]
 #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 pub struct EffectEntry {
-    /// Hodges-Lehmann shift of the window means, in metres.
-    pub shift_m: EstimateEntry,
-    /// Wasserstein-1 distance of the pooled values, in metres.
-    pub wasserstein_m: EstimateEntry,
+    /// Hodges-Lehmann shift of the window means.
+    pub shift: EstimateEntry,
+    /// Wasserstein-1 distance of the pooled values.
+    pub wasserstein: EstimateEntry,
     /// Probability that a value of the second is larger than one of the first.
     pub superiority: EstimateEntry,
 }
@@ -533,8 +628,8 @@ pub struct ConclusionEntry<'a> {
     pub labellings: u64,
     /// `exact`, or `monte-carlo` if labellings were drawn.
     pub method: &'static str,
-    /// By how much the window means of the second value are larger, in metres.
-    pub shift_m: EstimateEntry,
+    /// By how much the window means of the second value are larger.
+    pub shift: EstimateEntry,
 }
 
 /// One window compared with another.
@@ -557,8 +652,8 @@ pub struct ComparisonEntry<'a> {
     pub d: f64,
     /// The distance with its sign: positive where the first window's errors are the smaller ones.
     pub signed_d: f64,
-    /// The error at which it is attained, in metres; null where it is 0.
-    pub at_m: Option<f64>,
+    /// The error at which it is attained; null where it is 0.
+    pub at: Option<f64>,
     /// The distance exactly, in units of 1 / `lcm`.
     pub h: u64,
     /// The least common multiple of `n` and `m`.
@@ -587,7 +682,7 @@ impl<'a> ComparisonEntry<'a> {
             m: test.m,
             d: test.d,
             signed_d: test.signed_d,
-            at_m: test.at,
+            at: test.at,
             h: test.h,
             lcm: test.lcm,
             p: test.p,

@@ -26,6 +26,7 @@ use crate::{
         Presentation,
         figure::{Figure, Kind},
         table::Table,
+        writing::other_folder,
     },
 };
 
@@ -55,6 +56,16 @@ pub(super) fn render(presented: &Presentation<'_>, figures: &[Figure]) -> String
                         ul #remarks { @for remark in &presented.remarks { li { (prose(remark)) } } }
                     }
                     ul #origins { @for origin in report.origins() { li { (origin) } } }
+                    @if !report.others.is_empty() {
+                        p #metrics {
+                            "This page is about " code { (report.quantity.name) } ". Other metrics: "
+                            @for (at, other) in report.others.iter().enumerate() {
+                                @if at > 0 { ", " }
+                                a href=(format!("{}/report.html", other_folder(&other.quantity.name).display())) { code { (other.quantity.name) } }
+                            }
+                            "."
+                        }
+                    }
                 }
                 (contents())
                 main {
@@ -234,7 +245,7 @@ fn methods(report: &Report) -> Markup {
         p { (prose(&report.method())) }
         p {
             "The numbers behind every drawing: " code { "comparisons.csv" } " (each test of two windows), "
-            code { "contrasts.csv" } " (each pair of scenarios), " code { "samples.csv" } " (each period's error), "
+            code { "contrasts.csv" } " (each pair of scenarios), " code { "samples.csv" } " (each value), "
             code { "packets.csv" } " (what became of each period's packets), and all of it in "
             code { "report.json" } ", beside this file. docs/statistics.md of matrix has formulas and sources."
         }

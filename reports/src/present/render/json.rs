@@ -5,10 +5,11 @@ use captures::traffic::{DirectionTraffic, ScenarioTraffic, Spread};
 use statistics::effect::{Effect, Estimate};
 
 use super::document::{
-    BlocksEntry, BrokenEntry, ComparisonList, ConclusionEntry, ContrastEntry, CountBetween, CountWithin,
-    CutWindow, DifferenceEntry, EffectEntry, EstimateEntry, FamilyEntry, HealthEntry, IntervalEntry,
-    MaxTEntry, ReportDocument, RunEntry, ScenarioEntry, SerialEntry, ShapeEntry, UnlikePair, Unmeasured,
-    UnseenEntry, UnsteadyWindow, WindowEntry, WithinEntry,
+    AgreementEntry, BlocksEntry, BrokenEntry, CallsEntry, ComparisonList, ConclusionEntry, ContrastEntry,
+    CountBetween, CountWithin, CutWindow, DifferenceEntry, EffectEntry, EstimateEntry, FamilyEntry,
+    GroupEntry, HealthEntry, IntervalEntry, MaxTEntry, PartingEntry, PeriodsEntry, QuantityEntry,
+    ReportDocument, RunEntry, ScenarioEntry, SerialEntry, ShapeEntry, UnlikePair, Unmeasured, UnseenEntry,
+    UnsteadyWindow, WindowEntry, WithinEntry,
     packets::{
         DirectionPackets, FactorEntry, PacketCount, PacketExplanation, ScenarioPackets, SpreadEntry,
         UnreadableCapture, WindowPackets,
@@ -17,9 +18,11 @@ use super::document::{
 };
 use crate::{
     analysis::{
+        agreement::{Agreement, Parting},
         conclusion::Conclusion,
         contrast::Contrast,
         health::Health,
+        measured_experiment::MeasuredExperiment,
         packet_counts::TrafficTally,
         packet_explanations::{Explanation, Factor},
         report::Report,
@@ -49,10 +52,19 @@ pub(super) fn document<'a>(page: &'a Presentation<'a>) -> ReportDocument<'a> {
         simulated: report.is_simulated(),
         alpha: settings.alpha,
         method: settings.method,
-        metric: settings.metric,
-        error: settings.error,
-        discard_periods: settings.discard_periods,
-        warm_up: settings.warm_up,
+        quantity: QuantityEntry {
+            name: &report.quantity.name,
+            unit: &report.quantity.unit,
+            origin: &report.quantity.origin,
+        },
+        metrics: &report.metrics,
+        periods: report.quantity.is_tracking_error.then_some(PeriodsEntry {
+            metric: settings.metric,
+            error: settings.error,
+            discard_periods: settings.discard_periods,
+            warm_up: settings.warm_up,
+        }),
+        agreements: report.agreements.iter().map(agreement).collect(),
         control: &settings.baseline,
         remarks: &page.remarks,
         scenarios: report.scenarios.iter().map(scenario).collect(),
@@ -115,7 +127,7 @@ fn scenario(scenario: &ScenarioReport) -> ScenarioEntry<'_> {
     let windows = scenario.windows.iter().map(|window| WindowEntry {
         window: window.number,
         verdict: window.verdict,
-        counted: window.n > 0,
+        counted: window.is_counted,
         n: window.n,
         reasons: &window.reasons,
     });
@@ -124,13 +136,20 @@ fn scenario(scenario: &ScenarioReport) -> ScenarioEntry<'_> {
         environment: &broken.environment,
         reason: &broken.reason,
     });
+    let (dynamics, overridden, experiment) = match &scenario.experiment {
+        MeasuredExperiment::Ball {
+            dynamics, overridden, ..
+        } => (Some(*dynamics), Some(overridden.as_slice()), None),
+        MeasuredExperiment::Command { name, .. } => (None, None, Some(name.as_str())),
+    };
     ScenarioEntry {
         id: &scenario.id,
         slug: &scenario.slug,
         axes: &scenario.axes,
         is_control: scenario.is_baseline,
-        dynamics: scenario.dynamics,
-        overridden: &scenario.overridden,
+        dynamics,
+        overridden,
+        experiment,
         simulated: scenario.is_simulated,
         outcome: scenario.standing.name().replace(' ', "-"),
         reason: scenario.reason.as_deref(),
@@ -140,6 +159,36 @@ fn scenario(scenario: &ScenarioReport) -> ScenarioEntry<'_> {
         environment: scenario.environment.as_ref(),
         within: scenario.within.as_ref().map(within),
         health: scenario.health.as_ref().map(health),
+        calls: scenario.calls.map(|calls| CallsEntry {
+            mean_s: calls.mean_s,
+            longest_s: calls.longest_s,
+            cpu_share: calls.cpu_share,
+            peak_memory_bytes: calls.peak_memory_bytes,
+            left_behind: calls.left_behind,
+        }),
+    }
+}
+
+fn agreement(agreement: &Agreement) -> AgreementEntry<'_> {
+    fn parting(parting: &Parting) -> PartingEntry<'_> {
+        PartingEntry {
+            window: parting.window,
+            byte: parting.byte,
+            line: parting.line,
+            first: &parting.first,
+            this: &parting.this,
+        }
+    }
+    let groups = agreement.groups.iter().map(|group| GroupEntry {
+        scenarios: &group.scenarios,
+        same_as_first: group.same_as_first,
+        parts: group.parts.as_ref().map(parting),
+    });
+    AgreementEntry {
+        metric: &agreement.metric,
+        windows: &agreement.windows,
+        groups: groups.collect(),
+        without_data: &agreement.without_data,
     }
 }
 
@@ -153,7 +202,7 @@ fn within(within: &WithinWindows) -> WithinEntry<'_> {
         window: *window,
         warm_up_periods: found.warm_up,
         change_after_periods: found.change.map(|change| change.after),
-        change_m: found.change.map(|change| change.by),
+        change: found.change.map(|change| change.by),
         change_p: found.change.map(|change| change.p),
     });
     let unseen = within.unseen.iter().map(|(window, look, why)| UnseenEntry {
@@ -201,10 +250,7 @@ fn family(report: &Report) -> FamilyEntry<'_> {
         declared: &contrasts.family,
         pairs: contrasts.pairs.len(),
         without_data: &contrasts.without_data,
-        matters_m: report
-            .settings
-            .equivalence_margin
-            .map(record::quantity::Length::metres),
+        equivalence_margin: report.quantity.equivalence_margin,
         seed: report.settings.seed,
         max_t: contrasts.max_t.as_ref().map(|max_t| MaxTEntry {
             labellings: max_t.labellings,
@@ -249,7 +295,7 @@ fn contrast<'a>(report: &'a Report, pair: &'a Contrast) -> ContrastEntry<'a> {
         p_max_t: pair.p_max_t,
         p_shift: pair.p_shift,
         p_shift_holm: pair.p_shift_holm,
-        simultaneous_m: pair.simultaneous_m.map(|interval| IntervalEntry {
+        simultaneous: pair.simultaneous.map(|interval| IntervalEntry {
             low: interval.low,
             high: interval.high,
             confidence: interval.confidence,
@@ -273,14 +319,14 @@ fn conclusion(one: &Conclusion) -> ConclusionEntry<'_> {
         smallest_p: one.smallest_p,
         labellings: one.test.labellings,
         method: one.test.coverage.name(),
-        shift_m: estimate(&one.shift_m),
+        shift: estimate(&one.shift),
     }
 }
 
 fn effect(effect: &Effect) -> EffectEntry {
     EffectEntry {
-        shift_m: estimate(&effect.shift_m),
-        wasserstein_m: estimate(&effect.wasserstein_m),
+        shift: estimate(&effect.shift),
+        wasserstein: estimate(&effect.wasserstein),
         superiority: estimate(&effect.superiority),
     }
 }
@@ -353,7 +399,7 @@ fn explanation(one: &Explanation) -> PacketExplanation<'_> {
     PacketExplanation {
         a: &one.a,
         b: &one.b,
-        shift_m: one.shift_m,
+        shift: one.shift,
         factors: one.factors.iter().map(factor).collect(),
     }
 }
@@ -368,7 +414,7 @@ fn factor(factor: &Factor) -> FactorEntry {
         },
         difference: factor.difference,
         correlation: factor.correlation,
-        slope_m: factor.slope_m,
-        part_m: estimate(&factor.part_m),
+        slope: factor.slope,
+        part: estimate(&factor.part),
     }
 }

@@ -5,7 +5,12 @@ use record::run_directory::EnvironmentRecord;
 
 use crate::{
     analysis::{report::Report, scenario::ScenarioReport},
-    present::{Presentation, forest::Forest, table::Table},
+    present::{
+        Presentation,
+        forest::Forest,
+        table::{self, Table},
+        writing::other_folder,
+    },
 };
 
 const WIDTH: usize = 80;
@@ -24,11 +29,48 @@ pub(super) fn render(page: &Presentation<'_>) -> String {
         .collect();
     block(&mut text, &origins.join("\n"));
     block(&mut text, &wrapped(&plain(&report.method()), "", ""));
+    forest(&mut text, report);
+    for table in &page.tables {
+        render_table(&mut text, table);
+    }
+    for other in &report.others {
+        metric(&mut text, other);
+    }
+    scenarios(&mut text, report);
+    text
+}
+
+/// Another metric: how large its differences are. The rest has a folder of its own.
+fn metric(text: &mut String, report: &Report) {
+    let name = &report.quantity.name;
+    block(text, &format!("# Metric {}", plain(name)));
+    block(text, &wrapped(&plain(&report.quantity.origin), "", ""));
+    forest(text, report);
+    if let Some(mut table) = table::shifts(report) {
+        // The same words stand with the first metric.
+        table.notes.truncate(1);
+        render_table(text, &table);
+    }
+    let folder = other_folder(name);
+    block(
+        text,
+        &wrapped(
+            &format!(
+                "`report/{}` has all its tables, figures and numbers.",
+                folder.display()
+            ),
+            "",
+            "",
+        ),
+    );
+}
+
+fn forest(text: &mut String, report: &Report) {
     if let Some(forest) = Forest::of(report) {
-        block(&mut text, "## The shifts of all pairs (mm)");
-        block(&mut text, &format!("```text\n{}\n```", forest.text(WIDTH)));
+        block(text, &report.quantity.heading("## The shifts of all pairs"));
+        block(text, &format!("```text\n{}\n```", forest.text(WIDTH)));
         block(
-            &mut text,
+            text,
             &wrapped(
                 &plain(&format!(
                     "{} Here: `=` each pair by itself, `-` all at once, `o` the shift, `|` none, `:` the margin.",
@@ -39,11 +81,6 @@ pub(super) fn render(page: &Presentation<'_>) -> String {
             ),
         );
     }
-    for table in &page.tables {
-        render_table(&mut text, table);
-    }
-    scenarios(&mut text, report);
-    text
 }
 
 fn block(text: &mut String, block: &str) {

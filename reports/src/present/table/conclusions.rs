@@ -5,7 +5,7 @@ use statistics::relabelling::Coverage;
 
 use super::{
     Table,
-    contrasts::{estimate, p, signed},
+    contrasts::{estimate, p},
     texts,
 };
 use crate::analysis::{
@@ -24,7 +24,7 @@ pub(super) fn of(report: &Report) -> Option<Table> {
             format!("{} : {}", windows(|it| it.n), windows(|it| it.m)),
             p(one.test.p),
             p(one.p_holm),
-            estimate(&one.shift_m, |shift_m| signed(shift_m * 1e3)),
+            estimate(&one.shift, |shift| report.quantity.signed(shift)),
         ]
     };
     (!conclusions.is_empty()).then(|| Table {
@@ -36,7 +36,7 @@ pub(super) fn of(report: &Report) -> Option<Table> {
             ("windows", true),
             ("p", true),
             ("Holm", true),
-            ("shift (mm)", true),
+            (&report.quantity.heading("shift"), true),
         ]),
         rows: conclusions.iter().map(row).collect(),
         notes: notes(report),

@@ -135,8 +135,9 @@ fn family(report: &Report) -> Table {
          permutation test's and Welch's."
             .to_owned(),
     );
-    let margin = report.settings.equivalence_margin.map_or_else(
-        || "No equivalence margin is declared (`report.equivalence_margin`).".to_owned(),
+    let setting = report.quantity.margin_setting;
+    let margin = report.quantity.margin().map_or_else(
+        || format!("No equivalence margin is declared ({setting})."),
         |margin| {
             format!(
                 "The equivalence margin is {margin}: a shift matters if its whole interval for all pairs at once lies beyond, and is \
@@ -180,8 +181,8 @@ fn effects(report: &Report) -> Table {
     let row = |pair: &Contrast| {
         let effect = &pair.effect;
         vec![
-            estimate(&effect.shift_m, |shift_m| signed(shift_m * 1e3)),
-            estimate(&effect.wasserstein_m, |distance_m| digits(distance_m * 1e3)),
+            estimate(&effect.shift, |shift| report.quantity.signed(shift)),
+            estimate(&effect.wasserstein, |distance| report.quantity.digits(distance)),
             estimate(&effect.superiority, |share| format!("{share:.2}")),
         ]
     };
@@ -189,7 +190,7 @@ fn effects(report: &Report) -> Table {
         .contrasts
         .pairs
         .iter()
-        .filter_map(|pair| pair.effect.shift_m.interval)
+        .filter_map(|pair| pair.effect.shift.interval)
         .map(|interval| interval.confidence)
         .collect();
     confidences.sort_by(f64::total_cmp);
@@ -210,8 +211,8 @@ fn effects(report: &Report) -> Table {
         columns: texts(&[
             ("", false),
             ("", false),
-            ("shift (mm)", true),
-            ("W1 (mm)", true),
+            (&report.quantity.heading("shift"), true),
+            (&report.quantity.heading("W1"), true),
             ("P(larger)", true),
         ]),
         rows: rows(&report.contrasts, row),
@@ -236,12 +237,10 @@ fn effects(report: &Report) -> Table {
 
 /// What holds for all pairs of the family at once.
 pub(super) fn simultaneous(report: &Report) -> String {
-    let margin = report
-        .settings
-        .equivalence_margin
-        .map_or_else(String::new, |margin| {
-            format!(" The band of ±{margin} does not matter (`report.equivalence_margin`).")
-        });
+    let setting = report.quantity.margin_setting;
+    let margin = report.quantity.margin().map_or_else(String::new, |margin| {
+        format!(" The band of ±{margin} does not matter ({setting}).")
+    });
     format!(
         "All at once: intervals of {} each, so that all hold together with {} (Bonferroni).{margin}",
         percent(simultaneous_confidence(report)),
@@ -292,24 +291,6 @@ pub(super) fn estimate(estimate: &Estimate, digits: impl Fn(f64) -> String) -> S
     }
 }
 
-/// Three digits or so, and no more than a cell takes.
-fn digits(value: f64) -> String {
-    match value.abs() {
-        large if large >= 99.95 => format!("{value:.0}"),
-        middle if middle >= 9.995 => format!("{value:.1}"),
-        _ => format!("{value:.2}"),
-    }
-}
-
-pub(super) fn signed(value: f64) -> String {
-    let digits = digits(value);
-    if digits.starts_with('-') {
-        digits
-    } else {
-        format!("+{digits}")
-    }
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -320,14 +301,5 @@ mod tests {
     #[case(0.0001, "1.0e-4")]
     fn a_p_is_never_shown_as_zero(#[case] value: f64, #[case] cell: &str) {
         assert_eq!(p(value), cell);
-    }
-
-    #[rstest::rstest]
-    #[case(-123.4, "-123")]
-    #[case(12.34, "+12.3")]
-    #[case(-0.004, "-0.00")]
-    #[case(9.999, "+10.0")]
-    fn a_shift_has_a_sign_and_about_three_digits(#[case] value: f64, #[case] cell: &str) {
-        assert_eq!(signed(value), cell);
     }
 }

@@ -3,7 +3,10 @@
 use polars::{
     error::PolarsResult, frame::DataFrame, prelude::IntoColumn, prelude::NamedFrom, prelude::Series,
 };
-use record::axis::{HARDWARE, OS, VIRTUALIZATION};
+use record::{
+    axis::{HARDWARE, OS, VIRTUALIZATION},
+    settings::NetworkBackend,
+};
 
 use super::{Column, Table, texts};
 use crate::{analysis::report::Report, present::frames};
@@ -22,15 +25,22 @@ pub(super) fn layers(report: &Report, scenarios: &DataFrame) -> PolarsResult<Tab
             values.join(", ")
         })
     };
-    let mut networks: Vec<&str> = Vec::new();
-    for network in report.scenarios.iter().map(|scenario| scenario.network.name()) {
-        if !networks.contains(&network) {
-            networks.push(network);
+    let (mut experiments, mut networks): (Vec<&str>, Vec<&str>) = (Vec::new(), Vec::new());
+    for scenario in &report.scenarios {
+        let layer = scenario.experiment.layer();
+        if !experiments.contains(&layer) {
+            experiments.push(layer);
         }
+        let network = scenario.experiment.network().map(NetworkBackend::name);
+        networks.extend(network.filter(|network| !networks.contains(network)));
     }
+    let network = match networks.as_slice() {
+        [] => "–".to_owned(),
+        networks => format!("network: {}", networks.join(", ")),
+    };
     let rows = [
-        ("L5", "robot simulations", "ball on plate, over ROS".to_owned()),
-        ("L4", "Mininet", format!("network: {}", networks.join(", "))),
+        ("L5", "robot simulations", experiments.join(", ")),
+        ("L4", "Mininet", network),
         ("L3", "virtualization", values(VIRTUALIZATION)?),
         ("L2", "host OS", values(OS)?),
         ("L1", "host machine", values(HARDWARE)?),

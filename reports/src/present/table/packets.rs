@@ -73,7 +73,10 @@ fn behind_the_delay(report: &Report) -> Option<String> {
     let partial: Vec<&str> = report
         .scenarios
         .iter()
-        .filter(|scenario| !scenario.network.facts().captures_see_the_whole_way)
+        .filter(|scenario| {
+            let network = scenario.experiment.network();
+            network.is_some_and(|network| !network.facts().captures_see_the_whole_way)
+        })
         .map(|scenario| scenario.id.as_str())
         .collect();
     (!partial.is_empty()).then(|| {
@@ -212,13 +215,13 @@ fn explained(report: &Report) -> Table {
             let mut row = vec![
                 one.a.clone(),
                 one.b.clone(),
-                shift(one),
+                shift(report, one),
                 "none is told".to_owned(),
             ];
             row.extend(["–", "–", "–"].map(str::to_owned));
             rows.push(row);
         }
-        rows.extend(told.into_iter().map(|factor| explained_row(one, factor)));
+        rows.extend(told.into_iter().map(|factor| explained_row(report, one, factor)));
     }
     Table {
         id: "packet-explanations".to_owned(),
@@ -226,11 +229,11 @@ fn explained(report: &Report) -> Table {
         columns: texts(&[
             ("", false),
             ("", false),
-            ("error (mm)", true),
+            (&report.quantity.heading(&report.quantity.name), true),
             ("quantity", false),
             ("differs by", true),
             ("r", true),
-            ("part (mm)", true),
+            (&report.quantity.heading("part"), true),
         ]),
         rows,
         notes: vec![format!(
@@ -243,17 +246,17 @@ fn explained(report: &Report) -> Table {
     }
 }
 
-fn shift(one: &Explanation) -> String {
-    format!("{:+.2}", one.shift_m * 1e3)
+fn shift(report: &Report, one: &Explanation) -> String {
+    report.quantity.signed(one.shift)
 }
 
-fn explained_row(one: &Explanation, factor: &Factor) -> Vec<String> {
-    let mm = |metres: f64| format!("{:+.2}", metres * 1e3);
-    let interval = factor.part_m.interval;
+fn explained_row(report: &Report, one: &Explanation, factor: &Factor) -> Vec<String> {
+    let signed = |value: f64| report.quantity.signed(value);
+    let interval = factor.part.interval;
     vec![
         one.a.clone(),
         one.b.clone(),
-        shift(one),
+        shift(report, one),
         format!("{} {}", factor.topic.name(), factor.quantity.name()),
         match factor.quantity.is_time() {
             true => format!("{:+.2} ms", factor.difference * 1e3),
@@ -262,11 +265,11 @@ fn explained_row(one: &Explanation, factor: &Factor) -> Vec<String> {
         format!("{:+.2}", factor.correlation),
         format!(
             "{}{}",
-            mm(factor.part_m.value),
+            signed(factor.part.value),
             interval.map_or_else(String::new, |interval| format!(
                 " [{}, {}]",
-                mm(interval.low),
-                mm(interval.high)
+                signed(interval.low),
+                signed(interval.high)
             ))
         ),
     ]

@@ -7,6 +7,7 @@ use statistics::{
 
 use super::{Table, contrasts::p, texts};
 use crate::analysis::{
+    quantity::Quantity,
     replicates::{Advice, EnvironmentContrast, Replicates, ScenarioVariance},
     report::Report,
 };
@@ -15,7 +16,7 @@ use crate::analysis::{
 pub(super) fn of(report: &Report) -> Vec<Table> {
     let tables = report.replicates.as_ref().map(|replicates| {
         let mut tables = Vec::from_iter(environments(report, replicates));
-        tables.push(variance(replicates));
+        tables.push(variance(&report.quantity, replicates));
         tables
     });
     tables.unwrap_or_default()
@@ -23,7 +24,8 @@ pub(super) fn of(report: &Report) -> Vec<Table> {
 
 fn environments(report: &Report, replicates: &Replicates) -> Option<Table> {
     let row = |pair: &EnvironmentContrast| {
-        let shift = millimetres(pair.shift_m);
+        let signed = |value: f64| report.quantity.signed(value);
+        let shift = signed(pair.shift);
         vec![
             pair.a.clone(),
             pair.b.clone(),
@@ -34,8 +36,8 @@ fn environments(report: &Report, replicates: &Replicates) -> Option<Table> {
             match pair.interval {
                 Some(it) => format!(
                     "{shift} [{}, {}]{}",
-                    millimetres(it.low),
-                    millimetres(it.high),
+                    signed(it.low),
+                    signed(it.high),
                     if pair.is_simultaneous { "" } else { " ‡" }
                 ),
                 None => shift,
@@ -57,7 +59,7 @@ fn environments(report: &Report, replicates: &Replicates) -> Option<Table> {
         "p: in each round the two environments exchange their labels, and p is the share of all exchanges whose mean difference of \
          environment means is at least the measured one. It is exact whatever environments do to their windows and whatever drifts \
          over the run, since the order within a round was drawn. Windows are not the units here. Smallest p of these pairs: {}. The \
-         verdict is by Holm's p at {alpha}. Shift: of the second against the first, in mm, its interval for all pairs together at {}.",
+         verdict is by Holm's p at {alpha}. Shift: of the second against the first, its interval for all pairs together at {}.",
         p(fewest),
         percent(1.0 - alpha)
     )];
@@ -96,7 +98,7 @@ fn environments(report: &Report, replicates: &Replicates) -> Option<Table> {
             ("", false),
             ("", false),
             ("rounds", true),
-            ("shift (mm)", true),
+            (&report.quantity.heading("shift"), true),
             ("p", true),
             ("Holm", true),
             ("verdict", false),
@@ -106,10 +108,10 @@ fn environments(report: &Report, replicates: &Replicates) -> Option<Table> {
     })
 }
 
-fn variance(replicates: &Replicates) -> Table {
+fn variance(quantity: &Quantity, replicates: &Replicates) -> Table {
     let row = |name: &str, number: String, components: &Components| {
         let mut cells = vec![name.to_owned(), number];
-        cells.extend(components.0.iter().map(cell));
+        cells.extend(components.0.iter().map(|it| cell(quantity, it)));
         cells
     };
     let of_scenario = |it: &ScenarioVariance| {
@@ -124,9 +126,10 @@ fn variance(replicates: &Replicates) -> Table {
         rows.push(row("all", String::new(), together));
     }
     let mut notes = vec![format!(
-        "Standard deviations in mm that values add within a window, windows within an environment, and environments within a \
+        "{} that values add within a window, windows within an environment, and environments within a \
          scenario (Kalibera and Jones 2013), with intervals at {}. A level whose estimated variance is not above 0 adds 0. All: the \
          scenarios together, each around its own mean. What a night adds, `matrix drift` follows.",
+        quantity.heading("Standard deviations"),
         percent(CONFIDENCE)
     )];
     notes.extend(replicates.next_hour.as_ref().map(next_hour));
@@ -145,7 +148,8 @@ fn variance(replicates: &Replicates) -> Table {
     }
 }
 
-fn cell(component: &Result<Component, Unknown>) -> String {
+fn cell(quantity: &Quantity, component: &Result<Component, Unknown>) -> String {
+    let magnitude = |deviation: f64| quantity.magnitude(deviation);
     match component {
         Err(unknown) => unknown.name().to_owned(),
         Ok(component) => {
@@ -195,12 +199,4 @@ fn next_hour(advice: &Advice) -> String {
 fn percent(share: f64) -> String {
     let text = format!("{:.2}", share * 100.0);
     format!("{} %", text.trim_end_matches('0').trim_end_matches('.'))
-}
-
-fn millimetres(metres: f64) -> String {
-    super::contrasts::signed(metres * 1e3)
-}
-
-fn magnitude(metres: f64) -> String {
-    format!("{:.3}", metres * 1e3)
 }

@@ -3,17 +3,19 @@
 use super::{NO_DATA, Table, clipped, texts};
 use crate::analysis::{health::Health, report::Report};
 
-pub(super) fn of(report: &Report) -> Table {
-    let rows = report
+/// The table; none of a command, which has no schedule of ours.
+pub(super) fn of(report: &Report) -> Option<Table> {
+    let rows: Vec<Vec<String>> = report
         .scenarios
         .iter()
+        .filter(|scenario| scenario.experiment.network().is_some())
         .map(|scenario| {
             let mut row = vec![scenario.id.clone(), clipped(&scenario.slug)];
             row.extend(scenario.health.as_ref().map_or_else(without_data, cells));
             row
         })
         .collect();
-    Table {
+    (!rows.is_empty()).then(|| Table {
         id: "schedule".to_owned(),
         title: "How well each platform held the schedule".to_owned(),
         columns: texts(&[
@@ -32,7 +34,7 @@ pub(super) fn of(report: &Report) -> Table {
              the state when it was used, mean. Over the windows that count."
                 .to_owned(),
         ],
-    }
+    })
 }
 
 fn cells(health: &Health) -> [String; 5] {

@@ -4,7 +4,7 @@ use statistics::effect::Interval;
 
 use super::{
     Table,
-    contrasts::{estimate, signed, simultaneous},
+    contrasts::{estimate, simultaneous},
     texts,
 };
 use crate::{
@@ -14,15 +14,15 @@ use crate::{
 
 /// The table; none where no pair of the family has data.
 pub(crate) fn of(report: &Report) -> Option<Table> {
-    let millimetres = |metres: f64| signed(metres * 1e3);
+    let signed = |value: f64| report.quantity.signed(value);
     let row = |pair: &Shift| {
         vec![
             pair.a.clone(),
             pair.b.clone(),
-            estimate(&pair.shift_m, millimetres),
-            pair.all_m.map_or_else(
+            estimate(&pair.shift, signed),
+            pair.all.map_or_else(
                 || "cannot".to_owned(),
-                |Interval { low, high, .. }| format!("[{}, {}]", millimetres(low), millimetres(high)),
+                |Interval { low, high, .. }| format!("[{}, {}]", signed(low), signed(high)),
             ),
             pair.verdict.name().to_owned(),
         ]
@@ -34,7 +34,7 @@ pub(crate) fn of(report: &Report) -> Option<Table> {
         columns: texts(&[
             ("", false),
             ("", false),
-            ("shift (mm)", true),
+            (&report.quantity.heading("shift"), true),
             ("all at once", true),
             ("verdict", false),
         ]),

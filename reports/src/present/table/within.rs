@@ -34,38 +34,46 @@ pub(super) fn of(report: &Report) -> Table {
             row
         })
         .collect();
+    let [_, values] = report.quantity.value_nouns();
+    let of_a_value = match report.quantity.is_tracking_error {
+        true => "a period's error with the next one's",
+        false => "a value with the next one",
+    };
+    let to_do = match (report.quantity.is_tracking_error, report.settings.warm_up) {
+        (false, _) => "Nothing is cut for it.",
+        (true, WarmUp::Flag) => "Nothing is cut for it: `report.warm_up: cut` does that.",
+        (true, WarmUp::Cut) => "What warms up was cut (`report.warm_up`); a change of level is not.",
+    };
     let mut notes = vec![format!(
-        "Lag 1: correlation of a period's error with the next one's. Time: autocorrelation time in periods, by Geyer's \
+        "Lag 1: correlation of {of_a_value}. Time: autocorrelation time in {values}, by Geyer's \
          initial positive sequence; so many values are worth one. Unsteady: windows that warm up beyond what is left out \
          (MSER) or whose level changes (CUSUM, p < {CHANGE_LEVEL}, so about one in a hundred steady ones too). {}",
-        match report.settings.warm_up {
-            WarmUp::Flag => "Nothing is cut for it: `report.warm_up: cut` does that.",
-            WarmUp::Cut => "What warms up was cut (`report.warm_up`); a change of level is not.",
-        }
+        to_do
     )];
     for scenario in &report.scenarios {
         let unseen = scenario.within.iter().flat_map(unseen);
         notes.extend(unseen.map(|unseen| format!("{}: {unseen}", scenario.id)));
         for (window, periods) in scenario.within.iter().flat_map(|within| &within.cut) {
             let id = &scenario.id;
-            let periods = match periods {
-                1 => "1 period more was".to_owned(),
-                many => format!("{many} periods more were"),
-            };
-            notes.push(format!("{id} window {window}: warmed up, {periods} cut."));
+            let were = if *periods == 1 { "was" } else { "were" };
+            let periods = report.quantity.count(periods);
+            notes.push(format!(
+                "{id} window {window}: warmed up, {periods} more {were} cut."
+            ));
         }
         for (window, found) in scenario.within.iter().flat_map(|within| &within.unsteady) {
             let id = &scenario.id;
             notes.extend(
                 found
                     .warm_up
-                    .map(|periods| format!("{id} window {window}: warms up for {periods:.1} periods.")),
+                    .map(|periods| report.quantity.count(format!("{periods:.1}")))
+                    .map(|periods| format!("{id} window {window}: warms up for {periods}.")),
             );
             notes.extend(found.change.map(|change| {
                 format!(
-                    "{id} window {window}: its level changes by {:+.2} mm after {} periods, p = {:.4}.",
-                    change.by * 1e3,
-                    change.after,
+                    "{id} window {window}: its level changes by {} after {}, p = {:.4}.",
+                    report.quantity.signed_text(change.by),
+                    report.quantity.count(change.after),
                     change.p
                 )
             }));

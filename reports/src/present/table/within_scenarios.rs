@@ -83,13 +83,14 @@ fn notes(report: &Report) -> Vec<String> {
         !matches!(standing, Standing::Infeasible | Standing::Completed)
     }));
     notes.extend(verdicts_note(report));
-    notes.push(papers_note(report));
+    notes.extend(papers_note(report));
     notes
 }
 
 /// Which of the paper's scenarios are not there to stand beside its counts.
-fn papers_note(report: &Report) -> String {
-    match paper::missing(&report.scenarios).as_slice() {
+fn papers_note(report: &Report) -> Option<String> {
+    // Counts of another experiment are not to be held against the paper's.
+    report.quantity.is_tracking_error.then(|| match paper::missing(&report.scenarios).as_slice() {
         [] => "Paper: the counts that it printed for the same scenario.".to_owned(),
         missing if missing.len() == paper::SCENARIOS.len() => {
             "None of the paper's scenarios is in this run, so that its counts do not stand beside.".to_owned()
@@ -98,5 +99,5 @@ fn papers_note(report: &Report) -> String {
             "Paper: the counts that it printed for the same scenario. Its scenarios {} are not in this run.",
             missing.join(", ")
         ),
-    }
+    })
 }

@@ -40,9 +40,12 @@ fn the_loops_hold_their_schedule_and_their_connections_while_strangers_do_their_
 /// What of the schedule was not held, in a window or in most of them, that a loop beside it held.
 fn lateness(windows: &[WindowRecord], control: Lateness) -> Option<String> {
     let loops = || {
-        windows
-            .iter()
-            .flat_map(|window| [&window.controller, &window.plant])
+        windows.iter().flat_map(|window| {
+            [
+                &window.loops().unwrap().controller,
+                &window.loops().unwrap().plant,
+            ]
+        })
     };
     if control.max_ns < STEP_NS / 2
         && let Some(held) = loops().find(|held| held.missed_deadlines > 0)
@@ -51,9 +54,13 @@ fn lateness(windows: &[WindowRecord], control: Lateness) -> Option<String> {
     }
     if let Some(cut) = windows
         .iter()
-        .find(|window| window.steps_done != window.steps_expected)
+        .find(|window| window.loops().unwrap().steps_done != window.loops().unwrap().steps_expected)
     {
-        return Some(format!("{} of {} steps", cut.steps_done, cut.steps_expected));
+        return Some(format!(
+            "{} of {} steps",
+            cut.loops().unwrap().steps_done,
+            cut.loops().unwrap().steps_expected
+        ));
     }
     // A hiccup of the machine is in one window; the strangers are in all but the first.
     let mut p99_ns: Vec<i64> = loops().skip(2).map(|held| held.lateness_p99_ns).collect();
@@ -80,7 +87,7 @@ fn windows_among_strangers() -> Vec<WindowRecord> {
         .collect();
     let mut texts = Vec::new();
     for record in &windows {
-        assert_eq!(record.log_dropped, 0);
+        assert_eq!(record.loops().unwrap().log_dropped, 0);
         assert!(record.notices.first.len() <= 20);
         assert!(record.notices.count >= record.notices.first.len() as u64);
         texts.extend(record.notices.first.iter().cloned());

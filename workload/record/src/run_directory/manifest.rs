@@ -47,6 +47,9 @@ pub struct Manifest {
     /// runs of earlier versions and in redacted copies.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub state_directory: Option<PathBuf>,
+    /// SHA-256 of the packed files of a user's experiment, in hexadecimal; none if it has none, and of the ball on the plate.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub experiment_sha256: Option<String>,
     /// How the tables are to be made.
     pub report: ReportSettings,
     /// Whether this is a copy from which names were taken (`reports::redaction`): it can be reported, and not resumed.

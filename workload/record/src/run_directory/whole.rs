@@ -98,10 +98,10 @@ pub fn read_whole_record(
         return broken(format!("window.json is that of window {}", record.window));
     }
     if !record.complete {
-        return broken(format!(
-            "{} of {} steps were done",
-            record.steps_done, record.steps_expected
-        ));
+        return broken(match record.loops() {
+            Some(loops) => format!("{} of {} steps were done", loops.steps_done, loops.steps_expected),
+            None => "the command was interrupted".to_owned(),
+        });
     }
     Ok(record)
 }

@@ -30,9 +30,15 @@ struct CaptureNeed {
 }
 
 impl Need {
-    /// Of settings.
+    /// Of settings; none of a command, which finds what it needs in the user's image or on the machine, or says so.
     #[must_use]
-    pub fn of(settings: &Settings) -> Self {
+    pub fn of(settings: &Settings) -> Option<Self> {
+        settings.experiment.is_none().then(|| Self::of_the_ball(settings))
+    }
+
+    /// Of settings, as far as they are of the ball on the plate.
+    #[must_use]
+    pub fn of_the_ball(settings: &Settings) -> Self {
         let offloads = match settings.network.backend.facts().programs_without_offloads {
             Some(_) => settings.network.offloads,
             None => Settings::default().network.offloads,
@@ -101,7 +107,7 @@ impl Need {
 fn with(change: impl FnOnce(&mut Settings)) -> Need {
     let mut settings = Settings::default();
     change(&mut settings);
-    Need::of(&settings)
+    Need::of_the_ball(&settings)
 }
 
 /// The settings that make it, as a matrix file names them; of the defaults, the network.
@@ -149,7 +155,7 @@ mod tests {
             },
             ..settings(serde_json::json!({"network": {"loss": "5%", "offloads": "none", "seed": 7}}))
         };
-        assert_eq!(Need::of(&other), Need::of(&Settings::default()));
+        assert_eq!(Need::of_the_ball(&other), Need::of_the_ball(&Settings::default()));
     }
 
     #[rstest::rstest]
@@ -196,10 +202,14 @@ mod tests {
         #[case] programs: &[&str],
         #[case] words: &str,
     ) {
-        let need = Need::of(&settings(json));
+        let need = Need::of_the_ball(&settings(json));
         assert_eq!(need.programs(), programs);
         assert_eq!(need.to_string(), words);
-        assert_eq!(Need::of(&need.settings()), need, "the settings it stands for");
+        assert_eq!(
+            Need::of_the_ball(&need.settings()),
+            need,
+            "the settings it stands for"
+        );
         assert_eq!(need.settings().problems(), []);
     }
 

@@ -108,7 +108,7 @@ rules! {
         gap_steps: u32 {
             limits: Limits::both(5, 50),
             in_unit_of_measured: |steps| span(nanoseconds(step_ns) * u64::from(steps)),
-            measured: Some(span(nanoseconds(record.longest_gap_ns))),
+            measured: record.loops().map(|loops| span(nanoseconds(loops.longest_gap_ns))),
             finding: |gap| format!("For {gap} no control step was done"),
         }
 

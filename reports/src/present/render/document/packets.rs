@@ -108,8 +108,8 @@ pub struct PacketExplanation<'a> {
     pub a: &'a str,
     /// Letter of the second.
     pub b: &'a str,
-    /// Mean of the second's window means minus that of the first's, in metres.
-    pub shift_m: f64,
+    /// Mean of the second's window means minus that of the first's.
+    pub shift: f64,
     /// Every quantity that varies within windows, the largest part first.
     pub factors: Vec<FactorEntry>,
 }
@@ -129,7 +129,7 @@ pub struct FactorEntry {
     /// Correlation with the error within windows, -1 to 1.
     pub correlation: f64,
     /// Metres of error for one unit, within windows.
-    pub slope_m: f64,
-    /// The part of the shift that goes with the difference, in metres.
-    pub part_m: EstimateEntry,
+    pub slope: f64,
+    /// The part of the shift that goes with the difference.
+    pub part: EstimateEntry,
 }

@@ -43,12 +43,12 @@ pub struct EnvironmentContrastEntry<'a> {
     pub method: &'static str,
     /// `p` adjusted by Holm's method.
     pub p_holm: f64,
-    /// The mean difference of environment means, from the first to the second, in metres.
-    pub shift_m: f64,
-    /// The lower end of its interval, in metres; null if there is none.
-    pub shift_low_m: Option<f64>,
+    /// The mean difference of environment means, from the first to the second.
+    pub shift: f64,
+    /// The lower end of its interval; null if there is none.
+    pub shift_low: Option<f64>,
     /// The upper end.
-    pub shift_high_m: Option<f64>,
+    pub shift_high: Option<f64>,
     /// The confidence of that interval for this pair alone.
     pub confidence: Option<f64>,
     /// Whether the intervals of all pairs hold together at 1 − alpha.
@@ -88,12 +88,12 @@ pub struct VarianceEntry {
 #[derive(Serialize)]
 #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 pub struct ComponentEntry {
-    /// The estimate, unbiased and so below 0 at times, in square metres.
-    pub variance_m2: f64,
-    /// The lower end of its 95 % interval, in square metres; null if there is none.
-    pub low_m2: Option<f64>,
+    /// The estimate, unbiased and so below 0 at times, in the square of the unit.
+    pub variance: f64,
+    /// The lower end of its 95 % interval, in the square of the unit; null if there is none.
+    pub low: Option<f64>,
     /// The upper end.
-    pub high_m2: Option<f64>,
+    pub high: Option<f64>,
     /// Degrees of freedom of the level's mean square.
     pub degrees_of_freedom: f64,
 }
@@ -140,9 +140,9 @@ fn pair(pair: &EnvironmentContrast) -> EnvironmentContrastEntry<'_> {
         labellings: pair.test.labellings,
         method: pair.test.coverage.name(),
         p_holm: pair.p_holm,
-        shift_m: pair.shift_m,
-        shift_low_m: pair.interval.map(|interval| interval.low),
-        shift_high_m: pair.interval.map(|interval| interval.high),
+        shift: pair.shift,
+        shift_low: pair.interval.map(|interval| interval.low),
+        shift_high: pair.interval.map(|interval| interval.high),
         confidence: pair.interval.map(|interval| interval.confidence),
         simultaneous: pair.is_simultaneous,
         verdict: pair.verdict.name(),
@@ -160,9 +160,9 @@ fn scenario(scenario: &ScenarioVariance) -> ScenarioVarianceEntry<'_> {
 
 fn variance(components: &Components) -> VarianceEntry {
     let component = |component: &Component| ComponentEntry {
-        variance_m2: component.variance,
-        low_m2: component.interval.map(|interval| interval.low),
-        high_m2: component.interval.map(|interval| interval.high),
+        variance: component.variance,
+        low: component.interval.map(|interval| interval.low),
+        high: component.interval.map(|interval| interval.high),
         degrees_of_freedom: component.freedom,
     };
     let level = |level: usize| components.level(level).map(component);

@@ -8,7 +8,7 @@
 use super::{Limits, ValiditySettings, nanoseconds, span};
 use crate::{
     quantity::{Bytes, Fraction, TimeSpan},
-    window::{Verdict, WindowRecord},
+    window::{CommandRecord, LoopsRecord, OfExperiment, Verdict, WindowRecord},
 };
 
 /// What the window was to be, as far as its record does not say.
@@ -29,9 +29,14 @@ pub struct Expectation<'a> {
 pub fn judge(record: &WindowRecord, expected: &Expectation<'_>) -> (Verdict, Vec<String>) {
     let limits = expected.limits;
     let mut findings = Findings::default();
-    completeness(record, expected, &mut findings);
-    limits.timing(&mut findings, "controller", &record.controller, expected.step_ns);
-    limits.timing(&mut findings, "plant", &record.plant, expected.step_ns);
+    match &record.of {
+        OfExperiment::Loops(loops) => {
+            completeness(record.complete, loops, expected, &mut findings);
+            limits.timing(&mut findings, "controller", &loops.controller, expected.step_ns);
+            limits.timing(&mut findings, "plant", &loops.plant, expected.step_ns);
+        }
+        OfExperiment::Command { command } => ending(command, &mut findings),
+    }
     limits.whole(&mut findings, record, expected.step_ns);
     captures(record, expected, &mut findings);
     limits.conditions(&mut findings, &record.conditions);
@@ -121,10 +126,15 @@ impl Measured for Bytes {
 }
 
 /// What is missing has no limit: the report needs every step.
-fn completeness(record: &WindowRecord, expectation: &Expectation<'_>, findings: &mut Findings) {
-    let (done, expected) = (record.steps_done, record.steps_expected);
-    let lost = record.controller.lost_ticks;
-    if !record.complete {
+fn completeness(
+    is_complete: bool,
+    loops: &LoopsRecord,
+    expectation: &Expectation<'_>,
+    findings: &mut Findings,
+) {
+    let (done, expected) = (loops.steps_done, loops.steps_expected);
+    let lost = loops.controller.lost_ticks;
+    if !is_complete {
         findings.invalid(format!("The window was cut after {done} of {expected} steps."));
     } else if done + lost != expected {
         let besides = besides(lost);
@@ -134,25 +144,33 @@ fn completeness(record: &WindowRecord, expectation: &Expectation<'_>, findings: 
     let period_ns = u64::try_from(expectation.step_ns)
         .unwrap_or(0)
         .saturating_mul(expectation.steps_per_period);
-    let gap_ns = nanoseconds(record.longest_gap_ns);
+    let gap_ns = nanoseconds(loops.longest_gap_ns);
     if gap_ns > period_ns {
         findings.invalid(format!(
             "For {} no control step was done, longer than a period.",
             span(gap_ns).in_words()
         ));
     }
-    if record.log_dropped > 0 {
+    if loops.log_dropped > 0 {
         findings.invalid(format!(
             "{} rows were lost since the log's queue was full.",
-            record.log_dropped
+            loops.log_dropped
         ));
     }
-    if record.complete && record.plant.steps + record.plant.lost_ticks != expected {
+    if is_complete && loops.plant.steps + loops.plant.lost_ticks != expected {
         findings.invalid(format!(
             "The plant did {} steps, not {expected}{}.",
-            record.plant.steps,
-            besides(record.plant.lost_ticks)
+            loops.plant.steps,
+            besides(loops.plant.lost_ticks)
         ));
+    }
+}
+
+/// What a command measures is there only if it says that all went well.
+fn ending(command: &CommandRecord, findings: &mut Findings) {
+    // Why it was ended, only those know who did.
+    if let Some(code) = command.exit_code.filter(|code| *code != 0) {
+        findings.invalid(format!("The command ended with exit code {code}."));
     }
 }
 
@@ -183,7 +201,10 @@ mod tests {
         FORMAT,
         settings::Limit,
         virtual_host::VirtualHost,
-        window::{CaptureRecord, ConditionsRecord, LoopRecord, NoticesRecord, ReleaseRecord},
+        window::{
+            CaptureRecord, ConditionsRecord, LoopRecord, LoopsRecord, NoticesRecord, OfExperiment,
+            ReleaseRecord,
+        },
     };
 
     const STEP_NS: i64 = 20_000_000;
@@ -212,14 +233,16 @@ mod tests {
             ended_unix_ns: 0,
             started_ns: 0,
             ended_ns: 0,
-            steps_expected: 10_000,
-            steps_done: 10_000,
-            controller: held,
-            plant: held,
-            stale_steps: 0,
-            longest_gap_ns: 20_500_000,
+            of: OfExperiment::Loops(LoopsRecord {
+                steps_expected: 10_000,
+                steps_done: 10_000,
+                controller: held,
+                plant: held,
+                stale_steps: 0,
+                longest_gap_ns: 20_500_000,
+                log_dropped: 0,
+            }),
             clock_jump_ns: 0,
-            log_dropped: 0,
             cpu_share: 0.0,
             conditions: ConditionsRecord::default(),
             captures: vec![CaptureRecord {
@@ -238,38 +261,55 @@ mod tests {
         }
     }
 
+    fn loops(record: &mut WindowRecord) -> &mut LoopsRecord {
+        record.loops_mut().unwrap()
+    }
+
+    fn of_a_command(record: &mut WindowRecord, exit_code: i32) {
+        record.of = OfExperiment::Command {
+            command: CommandRecord {
+                exit_code: Some(exit_code),
+                ..CommandRecord::default()
+            },
+        };
+    }
+
     #[rstest]
     #[case::clean(|_: &mut WindowRecord| (), Verdict::Valid, &[])]
+    #[case::command(|it: &mut WindowRecord| of_a_command(it, 0), Verdict::Valid, &[])]
+    #[case::failed_command(
+        |it: &mut WindowRecord| of_a_command(it, 3), Verdict::Invalid, &["The command ended with exit code 3."]
+    )]
     #[case::cut(
-        |it: &mut WindowRecord| { it.complete = false; it.steps_done = 7; },
+        |it: &mut WindowRecord| { it.complete = false; loops(it).steps_done = 7; },
         Verdict::Invalid, &["The window was cut after 7 of 10000 steps."]
     )]
-    #[case::steps_missing(|it: &mut WindowRecord| it.steps_done = 9999, Verdict::Invalid, &["The log has 9999 steps, not 10000."])]
+    #[case::steps_missing(|it: &mut WindowRecord| loops(it).steps_done = 9999, Verdict::Invalid, &["The log has 9999 steps, not 10000."])]
     #[case::rows_lost(
-        |it: &mut WindowRecord| it.log_dropped = 2, Verdict::Invalid, &["2 rows were lost since the log's queue was full."]
+        |it: &mut WindowRecord| loops(it).log_dropped = 2, Verdict::Invalid, &["2 rows were lost since the log's queue was full."]
     )]
-    #[case::plant_stopped(|it: &mut WindowRecord| it.plant.steps = 1, Verdict::Invalid, &["The plant did 1 steps, not 10000."])]
-    #[case::ten_misses_are_few(|it: &mut WindowRecord| it.controller.missed_deadlines = 10, Verdict::Valid, &[])]
+    #[case::plant_stopped(|it: &mut WindowRecord| loops(it).plant.steps = 1, Verdict::Invalid, &["The plant did 1 steps, not 10000."])]
+    #[case::ten_misses_are_few(|it: &mut WindowRecord| loops(it).controller.missed_deadlines = 10, Verdict::Valid, &[])]
     #[case::eleven_misses(
-        |it: &mut WindowRecord| it.controller.missed_deadlines = 11,
+        |it: &mut WindowRecord| loops(it).controller.missed_deadlines = 11,
         Verdict::Suspect, &["The controller missed 0.11 % of its deadlines (suspect above 0.10 %)."]
     )]
     #[case::many_misses(
-        |it: &mut WindowRecord| it.plant.missed_deadlines = 600,
+        |it: &mut WindowRecord| loops(it).plant.missed_deadlines = 600,
         Verdict::Invalid, &["The plant missed 6.00 % of its deadlines (invalid above 5.00 %)."]
     )]
-    #[case::a_tenth_of_a_step_is_not_late(|it: &mut WindowRecord| it.controller.lateness_p99_ns = 2_000_000, Verdict::Valid, &[])]
+    #[case::a_tenth_of_a_step_is_not_late(|it: &mut WindowRecord| loops(it).controller.lateness_p99_ns = 2_000_000, Verdict::Valid, &[])]
     #[case::late(
-        |it: &mut WindowRecord| it.plant.lateness_p99_ns = 2_500_000,
+        |it: &mut WindowRecord| loops(it).plant.lateness_p99_ns = 2_500_000,
         Verdict::Suspect, &["1 % of the plant's steps began more than 2.50 ms late (suspect above 2.00 ms)."]
     )]
-    #[case::short_gap(|it: &mut WindowRecord| it.longest_gap_ns = 100_000_000, Verdict::Valid, &[])]
+    #[case::short_gap(|it: &mut WindowRecord| loops(it).longest_gap_ns = 100_000_000, Verdict::Valid, &[])]
     #[case::gap(
-        |it: &mut WindowRecord| it.longest_gap_ns = 101_000_000,
+        |it: &mut WindowRecord| loops(it).longest_gap_ns = 101_000_000,
         Verdict::Suspect, &["For 101 ms no control step was done (suspect above 100 ms)."]
     )]
     #[case::hole(
-        |it: &mut WindowRecord| it.longest_gap_ns = 1_001_000_000,
+        |it: &mut WindowRecord| loops(it).longest_gap_ns = 1_001_000_000,
         Verdict::Invalid, &["For 1001 ms no control step was done (invalid above 1000 ms)."]
     )]
     #[case::slow_network(
@@ -320,7 +360,7 @@ mod tests {
         Verdict::Suspect, &["The machine swapped 3.0 MiB (suspect above 1.0 MiB)."]
     )]
     #[case::the_worst_counts(
-        |it: &mut WindowRecord| { it.clock_jump_ns = 20_000_000; it.log_dropped = 1; },
+        |it: &mut WindowRecord| { it.clock_jump_ns = 20_000_000; loops(it).log_dropped = 1; },
         Verdict::Invalid,
         &["1 rows were lost since the log's queue was full.", "The wall clock was set forward by 20 ms (suspect above 1.00 ms)."]
     )]

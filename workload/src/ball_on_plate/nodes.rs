@@ -23,7 +23,6 @@ use simulation::schedule::Schedule;
 
 use super::{
     connection::{ControllerEnds, PlantEnds, Side, TIMEOUT, Tenancy},
-    error::ExperimentError,
     loop_threads::{LoopThread, queue_capacity},
     loops::Shared,
     master::{self, RunningMaster},
@@ -32,6 +31,7 @@ use super::{
     node_process::{Given, NodeProcess, Rows},
     notices::NoticeQueue,
 };
+use crate::experiment::ExperimentError;
 use crate::network::Network;
 
 /// Master and nodes, connected by their topics both ways.

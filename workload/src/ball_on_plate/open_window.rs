@@ -10,17 +10,15 @@ use record::{
         LateTicks, ValiditySettings,
         validity::{self, Expectation},
     },
-    window::{CaptureRecord, LoopRecord, NoticesRecord, Verdict, WindowRecord},
+    window::{CaptureRecord, LoopRecord, LoopsRecord, NoticesRecord, OfExperiment, Verdict, WindowRecord},
 };
 
 use super::{
-    error::ExperimentError,
     log_file::{ControlFile, PlantFile, RowCounts, Steps},
     notices::News,
-    snapshot::Snapshot,
-    window_folder::WindowFolder,
 };
 use crate::capture::CapturedWindow;
+use crate::experiment::{ExperimentError, snapshot::Snapshot, window_folder::WindowFolder};
 
 /// What does not change from one window to the next.
 #[derive(Debug, Clone, PartialEq)]
@@ -233,14 +231,16 @@ impl OpenWindow {
             ended_unix_ns: ended.unix_ns(span.zero_ns + span.ended_ns),
             started_ns: span.started_ns,
             ended_ns: span.ended_ns,
-            steps_expected: shape.steps,
-            steps_done: controller.steps,
-            stale_steps: counts.stale_steps,
-            longest_gap_ns: counts.longest_gap_ns,
-            controller,
-            plant,
+            of: OfExperiment::Loops(LoopsRecord {
+                steps_expected: shape.steps,
+                steps_done: controller.steps,
+                stale_steps: counts.stale_steps,
+                longest_gap_ns: counts.longest_gap_ns,
+                controller,
+                plant,
+                log_dropped,
+            }),
             clock_jump_ns: ended.unix_offset_ns - self.began.unix_offset_ns,
-            log_dropped,
             cpu_share: ended.cpu_share_since(&self.began),
             conditions: ended.conditions_since(&self.began),
             captures,

@@ -22,7 +22,6 @@ use super::{
     AHEAD_NS,
     connection::{Side, Tenancy},
     emulator_priority,
-    error::ExperimentError,
     loop_threads::LoopThread,
     loops::Shared,
     master,
@@ -30,8 +29,8 @@ use super::{
     namespace_thread::on_host,
     nanoseconds,
     notices::NoticeQueue,
-    reporter::Reporter,
 };
+use crate::experiment::{ExperimentError, Reporter};
 use crate::{capabilities::drop_unneeded, network, realtime::monotonic_ns, ros::Notices};
 
 /// How often it is looked whether it is to end, and what there is to say.

@@ -26,10 +26,10 @@ use rtrb::Producer;
 use simulation::schedule::Schedule;
 
 use super::{
-    error::ExperimentError,
     master::RunningMaster,
     node_messages::{Order, Program, Report},
 };
+use crate::experiment::ExperimentError;
 use crate::{
     child_process,
     ros::{Notice, Notices},

@@ -22,11 +22,12 @@ use record::{
 use rtrb::Consumer;
 
 use super::{
-    error::ExperimentError,
     loops::Shared,
     notices::NoticeQueue,
     open_window::{ClosedWindow, OpenWindow, WindowShape, WindowSpan},
-    reporter::Reporter,
+};
+use crate::experiment::{
+    Ending, ExperimentError, Reporter,
     snapshot::{Snapshot, unix_offset_ns},
     window_folder::WindowFolder,
 };
@@ -45,18 +46,6 @@ const HEALTH_EVERY_NS: i64 = 1000 * MILLISECOND_NS;
 const ANNOUNCE_AHEAD_NS: i64 = 1000 * MILLISECOND_NS;
 /// How long after its end a window waits for its captures and the plant's last steps.
 const CAPTURE_TIMEOUT_NS: i64 = 30_000 * MILLISECOND_NS;
-
-/// How a run ended without failing.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Ending {
-    /// All windows are on disk.
-    Finished,
-    /// It was asked to stop in that window.
-    Stopped {
-        /// The window that was cut.
-        window: u32,
-    },
-}
 
 /// Where a recorder gets everything from.
 pub struct Sources<'a> {
@@ -138,7 +127,7 @@ impl<'a> Recorder<'a> {
             log_dropped_before: 0,
         };
         recorder.announce_next()?;
-        let began = Snapshot::take(recorder.sources.network, &recorder.sources.processes);
+        let began = Snapshot::take(Some(recorder.sources.network), &recorder.sources.processes);
         recorder.open_next(began)?;
         Ok(recorder)
     }
@@ -342,7 +331,7 @@ impl<'a> Recorder<'a> {
     }
 
     fn close_current(&mut self, ended_ns: i64, complete: bool) -> Snapshot {
-        let ended = Snapshot::take(self.sources.network, &self.sources.processes);
+        let ended = Snapshot::take(Some(self.sources.network), &self.sources.processes);
         let log_dropped = self.sources.shared.log_dropped.load(Ordering::Relaxed);
         if let Some(window) = self.current.take() {
             self.closing.push_back(Closing {

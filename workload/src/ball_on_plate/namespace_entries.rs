@@ -9,7 +9,8 @@ use std::{
 
 use record::virtual_host::VirtualHost;
 
-use super::{error::ExperimentError, namespace_thread::on_host};
+use super::namespace_thread::on_host;
+use crate::experiment::ExperimentError;
 use crate::{enter::entry_name, network::Network};
 
 /// It does nothing but wait.

@@ -9,7 +9,7 @@ use std::{
 
 use record::{control_log::ControlRow, layout, plant_log::PlantRow};
 
-use crate::experiment::lateness::Lateness;
+use crate::ball_on_plate::lateness::Lateness;
 
 /// How much is gathered before the disk is asked: some seven seconds of rows.
 const CHUNK_BYTES: usize = 128 * 1024;

@@ -23,12 +23,12 @@ use simulation::schedule::Schedule;
 
 use super::{
     connection::{Side, TIMEOUT, Tenancy},
-    error::ExperimentError,
     loop_threads::LoopThread,
     loops::Shared,
     master,
     node_messages::{Order, Program, Report},
 };
+use crate::experiment::ExperimentError;
 use crate::{
     realtime::lock_memory,
     ros::{Notice, Notices},

@@ -5,7 +5,7 @@ use std::thread::JoinHandle;
 
 use record::virtual_host::VirtualHost;
 
-use super::error::ExperimentError;
+use crate::experiment::ExperimentError;
 use crate::network::{self, Network};
 
 /// Runs `make` inside the host and waits for it.

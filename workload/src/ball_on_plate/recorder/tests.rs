@@ -207,12 +207,20 @@ fn lost_ticks_are_no_fault_of_a_window_also_where_they_are_its_last_and_first() 
     let (one, two) = (recorded.window(1), recorded.window(2));
     assert_eq!((one.verdict, &one.reasons), (Verdict::Valid, &Vec::new()));
     assert_eq!(
-        (one.steps_done, one.controller.lost_ticks, one.plant.lost_ticks),
+        (
+            one.loops().unwrap().steps_done,
+            one.loops().unwrap().controller.lost_ticks,
+            one.loops().unwrap().plant.lost_ticks
+        ),
         (6, 4, 4)
     );
     assert_eq!((two.verdict, &two.reasons), (Verdict::Valid, &Vec::new()));
     assert_eq!(
-        (two.steps_done, two.controller.lost_ticks, two.plant.lost_ticks),
+        (
+            two.loops().unwrap().steps_done,
+            two.loops().unwrap().controller.lost_ticks,
+            two.loops().unwrap().plant.lost_ticks
+        ),
         (8, 2, 2)
     );
 }
@@ -256,7 +264,11 @@ fn windows_are_contiguous_and_keep_their_numbers() {
     assert_eq!(third.ended_unix_ns, fourth.started_unix_ns);
     assert_eq!((third.starts_run, fourth.starts_run), (true, false));
     assert_eq!(
-        (third.steps_done, fourth.steps_done, fourth.plant.steps),
+        (
+            third.loops().unwrap().steps_done,
+            fourth.loops().unwrap().steps_done,
+            fourth.loops().unwrap().plant.steps
+        ),
         (10, 10, 10)
     );
     assert_eq!((third.verdict, fourth.verdict), (Verdict::Valid, Verdict::Valid));
@@ -311,7 +323,7 @@ fn a_run_that_is_stopped_leaves_a_cut_window_and_none_after_it() {
     assert!(recorded.window(1).complete);
     let cut = recorded.window(2);
     assert_eq!(
-        (cut.complete, cut.steps_done, cut.verdict),
+        (cut.complete, cut.loops().unwrap().steps_done, cut.verdict),
         (false, 4, Verdict::Invalid)
     );
     assert!(!recorded.data.path().join("window-3").exists());
@@ -335,10 +347,13 @@ fn rows_that_the_queue_had_no_room_for_make_their_window_invalid(#[case] lost: &
     });
     assert_eq!(recorded.outcome.as_ref().unwrap(), &Ending::Finished);
     assert_eq!(
-        (recorded.window(1).verdict, recorded.window(1).steps_done),
+        (
+            recorded.window(1).verdict,
+            recorded.window(1).loops().unwrap().steps_done
+        ),
         (Verdict::Invalid, 9)
     );
-    assert_eq!(recorded.window(2).steps_done, 10);
+    assert_eq!(recorded.window(2).loops().unwrap().steps_done, 10);
 }
 
 #[test]

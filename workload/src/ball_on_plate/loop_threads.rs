@@ -17,10 +17,10 @@ use simulation::{controller::Controller, plant::Plant, reference::Reference, sch
 
 use super::{
     connection::{ControllerEnds, PlantEnds},
-    error::ExperimentError,
     loops::{ControllerLoop, PlantLoop, Shared},
     schedule::Pace,
 };
+use crate::experiment::ExperimentError;
 use crate::{realtime::enter_realtime, ros::Publisher};
 
 /// How many seconds of rows the queues hold: a disk may hang that long.

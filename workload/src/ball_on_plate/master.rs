@@ -4,7 +4,7 @@ use std::net::TcpListener;
 
 use record::{settings::RosMaster, virtual_host::VirtualHost};
 
-use super::error::ExperimentError;
+use crate::experiment::ExperimentError;
 use crate::ros::{Master, Notices, RosError, Rosmaster, rosmaster};
 
 /// The ROS master's usual port.

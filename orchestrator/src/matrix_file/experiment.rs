@@ -1,0 +1,91 @@
+//! The section `experiment:`, and which settings and axes a file with one can have. The function is [`read`].
+
+use std::sync::Arc;
+
+use record::experiment::CommandExperiment;
+
+use super::{
+    EXPERIMENT, WORKLOAD,
+    axes::Axes,
+    diagnostic::{Code, Diagnostic, Diagnostics},
+    source::{Source, Span},
+    spelling::{list, propose},
+    sweep::{PARAMETERS, Role},
+    tree::Node,
+    typing,
+};
+
+/// The settings of the workload that every experiment has.
+const SHARED: [&str; 3] = ["windows", "environments", "validity"];
+
+/// Finds what is wrong with the section and what it rules out.
+pub fn read(source: &Arc<Source>, tree: &Node, axes: &Axes, found: &mut Diagnostics) {
+    let error = |code, span: Span, message: String| Diagnostic::error(source, code, span, message);
+    let workload = tree.entry(WORKLOAD).map(|entry| &entry.value);
+    if let Some(entry) = workload.and_then(|workload| workload.entry(EXPERIMENT)) {
+        let message = "the experiment is a section of its own".to_owned();
+        found.push(
+            error(Code::UnknownKey, entry.key.span, message)
+                .help("write `experiment:` beside `workload:`, not below it"),
+        );
+    }
+    let section = tree.entry(EXPERIMENT).filter(|entry| !entry.value.is_null());
+    let experiment = section.and_then(|entry| {
+        let read = typing::read::<CommandExperiment>(source, &entry.value);
+        read.map_err(|wrong| found.extend(wrong)).ok()
+    });
+    for axis in axes
+        .axes
+        .iter()
+        .filter(|axis| Role::of(&axis.name.value) == Ok(Role::Sweep))
+    {
+        let name = axis.name.value.as_str();
+        let wrong = match (section, name.strip_prefix(PARAMETERS)) {
+            (None, Some(_)) => Some((
+                "there is no experiment that has parameters".to_owned(),
+                "write the command and its `parameters:` under `experiment:`".to_owned(),
+            )),
+            // One that cannot be read says nothing of its parameters.
+            (Some(_), Some(parameter)) => experiment.as_ref().and_then(|it| no_parameter(it, parameter)),
+            (Some(_), None) if !is_shared(name) => Some(of_the_ball(name)),
+            _ => None,
+        };
+        if let Some((message, help)) = wrong {
+            found.push(error(Code::UnknownKey, axis.name.span, message).help(help));
+        }
+    }
+    if section.is_none() {
+        return;
+    }
+    let others = workload.map(Node::entries).unwrap_or_default().iter();
+    for entry in others.filter(|entry| !is_shared(&entry.key.value) && entry.key.value != EXPERIMENT) {
+        let (message, help) = of_the_ball(&entry.key.value);
+        found.push(error(Code::UnknownKey, entry.key.span, message).help(help));
+    }
+}
+
+fn is_shared(path: &str) -> bool {
+    let first = path.split('.').next().unwrap_or(path);
+    SHARED.contains(&first)
+}
+
+fn no_parameter(experiment: &CommandExperiment, parameter: &str) -> Option<(String, String)> {
+    let known = experiment.parameters.keys().map(String::as_str);
+    (!experiment.parameters.contains_key(parameter)).then(|| {
+        let help = match experiment.parameters.is_empty() {
+            true => format!("write it under `experiment:`, as in `parameters: {{{parameter}: 1}}`"),
+            false => propose(parameter, known),
+        };
+        (format!("the experiment has no parameter `{parameter}`"), help)
+    })
+}
+
+fn of_the_ball(path: &str) -> (String, String) {
+    (
+        format!("`{path}` is a setting of the ball on the plate, which this file does not measure"),
+        format!(
+            "take it out: with `experiment:` the workload has {}",
+            list(SHARED)
+        ),
+    )
+}

@@ -1,0 +1,89 @@
+//! Which experiment a scenario ran. The main type is [`MeasuredExperiment`].
+
+use record::{
+    experiment::Argument,
+    settings::{Dynamics, NetworkBackend, Settings},
+};
+
+/// The experiment of a scenario.
+#[derive(Debug, Clone, PartialEq)]
+pub enum MeasuredExperiment {
+    /// The ball on the plate.
+    Ball {
+        /// How its network was to be made.
+        network: NetworkBackend,
+        /// Which rules plant, controller and messages followed.
+        dynamics: Dynamics,
+        /// The settings that were not as the dynamics has them, as dotted paths.
+        overridden: Vec<String>,
+    },
+    /// A user's command.
+    Command {
+        /// The experiment's name.
+        name: String,
+        /// The command, as the matrix file has it.
+        run: String,
+    },
+}
+
+impl MeasuredExperiment {
+    /// The one that settings ask for.
+    #[must_use]
+    pub fn of(settings: &Settings) -> Self {
+        match &settings.experiment {
+            None => Self::Ball {
+                network: settings.network.backend,
+                dynamics: settings.dynamics,
+                overridden: settings.overridden(),
+            },
+            Some(experiment) => {
+                let arguments = experiment.run.iter().map(Argument::to_string);
+                Self::Command {
+                    name: experiment.name.clone(),
+                    run: arguments.collect::<Vec<_>>().join(" "),
+                }
+            }
+        }
+    }
+
+    /// How its network was to be made; none without a network of ours.
+    #[must_use]
+    pub const fn network(&self) -> Option<NetworkBackend> {
+        match self {
+            Self::Ball { network, .. } => Some(*network),
+            Self::Command { .. } => None,
+        }
+    }
+
+    /// What it is, as a row of Table I has it.
+    #[must_use]
+    pub fn layer(&self) -> &str {
+        match self {
+            Self::Ball { .. } => "ball on plate, over ROS",
+            Self::Command { name, .. } => name,
+        }
+    }
+
+    /// What it is, in a sentence's words, after [`Self::topic`].
+    #[must_use]
+    pub fn description(&self) -> String {
+        match self {
+            Self::Ball {
+                dynamics, overridden, ..
+            } => match overridden.as_slice() {
+                [] => dynamics.name().to_owned(),
+                _ => format!("{} but for {}", dynamics.name(), overridden.join(", ")),
+            },
+            Self::Command { name, run } => format!("{name}, `{run}`"),
+        }
+    }
+
+    /// What of it is described.
+    #[must_use]
+    pub const fn topic(&self) -> &'static str {
+        match self {
+            Self::Ball { .. } => "Dynamics",
+            Self::Command { .. } => "Experiment",
+        }
+    }
+}

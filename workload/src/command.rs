@@ -1,0 +1,368 @@
+//! A command of the user's as the experiment: it is run once for each window, and what it writes is the window's sample
+//! (docs/your-experiment.md). The main type is [`Command`].
+//!
+//! ```text
+//! WORK/files/    the experiment's files, in which its commands run
+//! WORK/output/   the window's folder while its command runs; what the metrics are read from goes into DATA/window-N
+//! ```
+
+mod call;
+mod descendants;
+mod output;
+
+use std::{
+    fs::{self, File},
+    io,
+    path::{Path, PathBuf},
+    sync::{Arc, atomic::AtomicBool},
+};
+
+use record::{
+    causes::with_causes,
+    experiment::{Argument, CommandExperiment, Compare, Metric, WindowValues, read_values},
+    layout,
+    platform::RealtimeGrant,
+    progress::Progress,
+    settings::validity::{self, Expectation},
+    window::{CommandRecord, NoticesRecord, OfExperiment, Verdict, WindowRecord},
+};
+use rustix::fs::{Mode, OFlags};
+
+use self::{
+    call::{Call, Ended, Outcome},
+    descendants::become_subreaper,
+};
+pub use crate::command_error::CommandError;
+use crate::{
+    experiment::{
+        Ending, Experiment, ExperimentError, KnownPlatform, Reporter, Request, snapshot::Snapshot,
+        window_folder::WindowFolder,
+    },
+    realtime::monotonic_ns,
+};
+
+/// How much of a command's last words is a reason of its window.
+const LAST_WORDS: usize = 300;
+
+/// A command that is run for each window.
+pub struct Command;
+
+impl Experiment for Command {
+    /// A command has the rights that its user gave to `matrix` or to the container, neither more nor fewer.
+    fn begin(&self) -> Result<(), ExperimentError> {
+        Ok(())
+    }
+
+    fn run(
+        &self,
+        request: &Request,
+        reporter: &Reporter,
+        stop: &Arc<AtomicBool>,
+    ) -> Result<Ending, ExperimentError> {
+        let first = request.windows.first().copied().unwrap_or(1);
+        let (Some(experiment), Some(work)) = (&request.settings.experiment, &request.work) else {
+            return Err(CommandError::NoWork.into());
+        };
+        // Before any program of the user's is started.
+        become_subreaper()?;
+        let platform = KnownPlatform::look(&request.data, RealtimeGrant::default(), Arc::new(|| None))?;
+        let place = Place::make(work)?;
+        let runs = Runs {
+            request,
+            experiment,
+            place: &place,
+            reporter,
+            stop,
+            began_ns: monotonic_ns(),
+        };
+        let ending = match runs.prepare(first)? {
+            Some(ending) => ending,
+            None => runs.all()?,
+        };
+        let changes = platform.finish()?;
+        if !changes.is_empty() {
+            reporter.say(&Progress::PlatformChanged { changes });
+        }
+        Ok(ending)
+    }
+}
+
+/// Where commands run and write.
+struct Place {
+    files: PathBuf,
+    output: PathBuf,
+    /// The output folder as an argument has it.
+    output_text: String,
+}
+
+impl Place {
+    fn make(work: &Path) -> Result<Self, ExperimentError> {
+        let files = work.join(layout::FILES);
+        let output = work.join(layout::OUTPUT);
+        fs::create_dir_all(&files).map_err(write_error(&files))?;
+        let absolute = std::path::absolute(&output).map_err(write_error(&output))?;
+        let output_text = absolute.to_str().map(str::to_owned);
+        Ok(Self {
+            files,
+            output_text: output_text.ok_or(CommandError::NoText { path: absolute })?,
+            output,
+        })
+    }
+
+    /// Empties the output folder. Whatever a command made of it, and however deep, is below it.
+    fn empty(&self) -> Result<(), ExperimentError> {
+        match fs::remove_dir_all(&self.output) {
+            Err(error) if error.kind() == io::ErrorKind::NotFound => {}
+            // A command that made a file of it, or a link.
+            Err(error) if error.kind() == io::ErrorKind::NotADirectory => {
+                fs::remove_file(&self.output).map_err(write_error(&self.output))?;
+            }
+            removed => removed.map_err(write_error(&self.output))?,
+        }
+        fs::create_dir(&self.output).map_err(write_error(&self.output))
+    }
+}
+
+fn write_error(path: &Path) -> impl FnOnce(io::Error) -> ExperimentError {
+    let path = path.to_owned();
+    move |source| ExperimentError::Write { path, source }
+}
+
+/// The calls of one environment.
+struct Runs<'a> {
+    request: &'a Request,
+    experiment: &'a CommandExperiment,
+    place: &'a Place,
+    reporter: &'a Reporter,
+    stop: &'a AtomicBool,
+    began_ns: i64,
+}
+
+impl Runs<'_> {
+    fn call(&self, command: &[Argument], window: Option<u32>) -> Call<'_> {
+        let values = window.map(|number| WindowValues {
+            number,
+            folder: &self.place.output_text,
+        });
+        let parameters = &self.experiment.parameters;
+        Call {
+            arguments: command.iter().map(|it| it.filled(parameters, values)).collect(),
+            folder: &self.place.files,
+            timeout: self.experiment.window.timeout.duration(),
+            stop: self.stop,
+        }
+    }
+
+    /// Runs the command that comes before the windows, if there is one. The ending if it was interrupted.
+    fn prepare(&self, first: u32) -> Result<Option<Ending>, ExperimentError> {
+        if self.experiment.prepare.is_empty() {
+            return Ok(None);
+        }
+        self.place.empty()?;
+        let call = self.call(&self.experiment.prepare, None);
+        let ended = call.run(|_| self.reporter.say(&Progress::Preparing))?;
+        let folder = self.request.data.join(layout::PREPARE);
+        fs::create_dir(&folder).map_err(write_error(&folder))?;
+        keep_output(&folder, &ended)?;
+        match ended.outcome {
+            Outcome::Exited(0) => Ok(None),
+            Outcome::Stopped => Ok(Some(Ending::Stopped { window: first })),
+            outcome => Err(CommandError::NotPrepared {
+                how: outcome.in_words(call.timeout),
+                last_words: ended.last_words(LAST_WORDS),
+            }
+            .into()),
+        }
+    }
+
+    fn all(&self) -> Result<Ending, ExperimentError> {
+        for (position, number) in self.request.windows.iter().copied().enumerate() {
+            let folder = WindowFolder::create(&self.request.data, number)?;
+            let record = self.window(number, position == 0, &folder)?;
+            let (is_complete, verdict) = (record.complete, record.verdict);
+            folder.seal(record)?;
+            if !is_complete {
+                return Ok(Ending::Stopped { window: number });
+            }
+            self.reporter.say(&Progress::WindowComplete {
+                window: number,
+                verdict,
+            });
+        }
+        Ok(Ending::Finished)
+    }
+
+    /// Runs the command for a window, and keeps what it measured.
+    fn window(
+        &self,
+        number: u32,
+        starts_run: bool,
+        folder: &WindowFolder,
+    ) -> Result<WindowRecord, ExperimentError> {
+        self.place.empty()?;
+        if starts_run {
+            self.reporter.say(&Progress::Measuring { window: number });
+        }
+        let began = Snapshot::take(None, &[]);
+        let call = self.call(&self.experiment.run, Some(number));
+        let ended = call.run(|elapsed| {
+            self.reporter.say(&Progress::Running {
+                window: number,
+                elapsed_ms: u64::try_from(elapsed.as_millis()).unwrap_or(u64::MAX),
+            });
+        });
+        let after = Snapshot::take(None, &[]);
+        let ended = ended.inspect_err(|_| folder.clone().withdraw())?;
+        if let Outcome::Killed { signal } = ended.outcome {
+            keep_output(folder.path(), &ended)?;
+            return Err(CommandError::Killed {
+                window: number,
+                signal,
+                last_words: ended.last_words(LAST_WORDS),
+            }
+            .into());
+        }
+        keep_output(folder.path(), &ended)?;
+        let mut reasons = Vec::new();
+        match ended.outcome {
+            Outcome::Exited(0) => reasons = self.collect(folder)?,
+            Outcome::Exited(_) => {}
+            ref outcome => reasons.push(format!("The command {}.", outcome.in_words(call.timeout))),
+        }
+        if ended.outcome != Outcome::Exited(0) {
+            let words = ended.last_words(LAST_WORDS);
+            reasons.extend((!words.is_empty()).then(|| format!("It printed last: {words}")));
+        }
+        Ok(self.record(number, starts_run, (&began, &after), &ended, reasons))
+    }
+
+    fn record(
+        &self,
+        number: u32,
+        starts_run: bool,
+        (began, after): (&Snapshot, &Snapshot),
+        ended: &Ended,
+        reasons: Vec<String>,
+    ) -> WindowRecord {
+        let elapsed_ns = (after.monotonic_ns - began.monotonic_ns).max(1);
+        let mut record = WindowRecord {
+            format: record::FORMAT,
+            window: number,
+            environment: self.request.environment.clone(),
+            starts_run,
+            complete: ended.outcome != Outcome::Stopped,
+            started_unix_ns: began.unix_ns(began.monotonic_ns),
+            ended_unix_ns: after.unix_ns(after.monotonic_ns),
+            started_ns: began.monotonic_ns - self.began_ns,
+            ended_ns: after.monotonic_ns - self.began_ns,
+            of: OfExperiment::Command {
+                command: CommandRecord {
+                    exit_code: ended.outcome.exit_code(),
+                    cpu_ns: ended.usage.cpu_ns,
+                    peak_memory_bytes: ended.usage.peak_memory_bytes,
+                    stdout_bytes: ended.stdout.bytes,
+                    stderr_bytes: ended.stderr.bytes,
+                    left_behind: ended.left_behind,
+                },
+            },
+            clock_jump_ns: after.unix_offset_ns - began.unix_offset_ns,
+            cpu_share: ended.usage.cpu_ns as f64 / elapsed_ns as f64,
+            conditions: after.conditions_beside(began, ended.usage.cpu_ns),
+            captures: Vec::new(),
+            network_seed: None,
+            links: Vec::new(),
+            notices: NoticesRecord::default(),
+            releases: None,
+            files: Vec::new(),
+            verdict: Verdict::Valid,
+            reasons: Vec::new(),
+        };
+        let expected = Expectation {
+            step_ns: 0,
+            steps_per_period: 0,
+            captures: 0,
+            limits: &self.request.settings.validity,
+        };
+        (record.verdict, record.reasons) = validity::judge(&record, &expected);
+        if !reasons.is_empty() {
+            record.verdict = Verdict::Invalid;
+            record.reasons.extend(reasons);
+        }
+        record
+    }
+
+    /// Copies what the metrics are read from into the window's folder, and says what is wrong with it.
+    fn collect(&self, folder: &WindowFolder) -> Result<Vec<String>, ExperimentError> {
+        let mut wrong = Vec::new();
+        for name in self.experiment.measured_files() {
+            let to = folder.path().join(name);
+            match fetch(&self.place.output, name, &to).map_err(write_error(&to))? {
+                Some(why) => wrong.push(why),
+                None => {
+                    let of_it = self
+                        .experiment
+                        .metrics
+                        .iter()
+                        .filter(|metric| metric.from == name);
+                    for metric in of_it {
+                        wrong.extend(check(metric, &to).map_err(write_error(&to))?);
+                    }
+                }
+            }
+        }
+        Ok(wrong)
+    }
+}
+
+/// Copies a regular file of the output folder, and no link. Why it cannot be, if that is the command's doing.
+fn fetch(output: &Path, name: &str, to: &Path) -> io::Result<Option<String>> {
+    // A FIFO that nobody writes to would be waited for, and the folder itself may have become a link.
+    let flags = OFlags::RDONLY | OFlags::NOFOLLOW | OFlags::NONBLOCK | OFlags::CLOEXEC;
+    let folder = rustix::fs::open(output, flags | OFlags::DIRECTORY, Mode::empty());
+    let opened = folder.and_then(|folder| rustix::fs::openat(&folder, name, flags, Mode::empty()));
+    let file = match opened {
+        Ok(file) => File::from(file),
+        Err(rustix::io::Errno::NOENT) => return Ok(Some(format!("The command wrote no `{name}`."))),
+        Err(rustix::io::Errno::LOOP) => return Ok(Some(format!("`{name}` is a link and no file."))),
+        Err(error) => return Ok(Some(format!("`{name}` cannot be read: {error}."))),
+    };
+    let metadata = file.metadata()?;
+    if !metadata.is_file() {
+        return Ok(Some(format!("`{name}` is no regular file.")));
+    }
+    if metadata.len() > CommandExperiment::LONGEST_FILE {
+        return Ok(Some(format!(
+            "`{name}` has {} bytes, more than {}.",
+            metadata.len(),
+            CommandExperiment::LONGEST_FILE
+        )));
+    }
+    // It ends where it ended: whoever wrote it is gone.
+    io::copy(
+        &mut io::Read::take(file, CommandExperiment::LONGEST_FILE),
+        &mut File::create_new(to)?,
+    )?;
+    Ok(None)
+}
+
+/// What is wrong with what a metric is read from.
+fn check(metric: &Metric, path: &Path) -> io::Result<Option<String>> {
+    let file = File::open(path)?;
+    let is_empty = file.metadata()?.len() == 0;
+    Ok(match metric.compare {
+        Compare::Identical if is_empty => Some(format!("`{}` is empty.", metric.from)),
+        Compare::Identical => None,
+        Compare::Ks => read_values(metric, io::BufReader::new(file))
+            .err()
+            .map(|error| format!("{}.", with_causes(&error))),
+    })
+}
+
+fn keep_output(folder: &Path, ended: &Ended) -> Result<(), ExperimentError> {
+    for (name, kept) in [(layout::STDOUT, &ended.stdout), (layout::STDERR, &ended.stderr)] {
+        let path = folder.join(name);
+        let written = File::create_new(&path).and_then(|file| kept.write(file));
+        written.map_err(write_error(&path))?;
+    }
+    Ok(())
+}

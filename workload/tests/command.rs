@@ -1,0 +1,348 @@
+//! A command of the user's as the experiment: what it measures is kept, and whatever it does ends with its window.
+//!
+//! Here and not beside the code: the process in which a command is run ends all its descendants, other tests' too.
+
+#![allow(clippy::unwrap_used, clippy::panic)] // What tests may, but clippy knows only functions that are tests themselves.
+
+use std::{
+    fs,
+    path::PathBuf,
+    sync::{
+        Arc, Mutex, MutexGuard, PoisonError,
+        atomic::{AtomicBool, Ordering},
+    },
+    thread,
+    time::{Duration, Instant},
+};
+
+use record::{
+    settings::{Settings, ValiditySettings},
+    window::{CommandRecord, OfExperiment, Verdict, WindowRecord},
+};
+use serde_json::{Value, json};
+use tempfile::TempDir;
+use workload::{
+    experiment::{Ending, ExperimentError, Reporter, Request},
+    experiments,
+};
+
+/// One at a time: each ends the descendants of all.
+static ALONE: Mutex<()> = Mutex::new(());
+
+struct Place {
+    folder: TempDir,
+    experiment: Value,
+    windows: Vec<u32>,
+    _alone: MutexGuard<'static, ()>,
+}
+
+impl Place {
+    /// A shell script as the command of one window, which is to write `m.csv`.
+    fn new(script: &str) -> Self {
+        let script = script.replace('{', "{{").replace('}', "}}");
+        Self {
+            folder: tempfile::tempdir().unwrap(),
+            experiment: json!({
+                "name": "e",
+                "run": ["/bin/sh", "-c", script, "sh", "{window.folder}", "{window.number}", "{window.seed}"],
+                "metrics": [{"name": "m", "from": "m.csv", "column": "x"}],
+            }),
+            windows: vec![1],
+            _alone: ALONE.lock().unwrap_or_else(PoisonError::into_inner),
+        }
+    }
+
+    fn with(mut self, key: &str, value: Value) -> Self {
+        self.experiment[key] = value;
+        self
+    }
+
+    fn data(&self) -> PathBuf {
+        self.folder.path().join("data")
+    }
+
+    fn run(&self) -> Result<Ending, ExperimentError> {
+        self.run_until(&Arc::new(AtomicBool::new(false)))
+    }
+
+    fn run_until(&self, stop: &Arc<AtomicBool>) -> Result<Ending, ExperimentError> {
+        fs::create_dir_all(self.data()).unwrap();
+        let settings = Settings {
+            experiment: Some(serde_json::from_value(self.experiment.clone()).unwrap()),
+            validity: without_suspicion(),
+            ..Settings::default()
+        };
+        assert_eq!(settings.problems(), []);
+        let request = Request {
+            environment: "e-1".to_owned(),
+            data: self.data(),
+            work: Some(self.folder.path().join("work")),
+            windows: self.windows.clone(),
+            settings,
+        };
+        experiments::of(&request.settings).run(&request, &Reporter::start(None), stop)
+    }
+
+    fn text(&self, path: &str) -> String {
+        String::from_utf8_lossy(&fs::read(self.folder.path().join(path)).unwrap()).into_owned()
+    }
+
+    fn record(&self, window: u32) -> WindowRecord {
+        let text = self.text(&format!("data/window-{window}/window.json"));
+        let record: WindowRecord = serde_json::from_str(&text).unwrap();
+        record.check().unwrap();
+        record
+    }
+
+    /// The record of the one window, once all has been run.
+    fn only(&self) -> WindowRecord {
+        assert_eq!(self.run().unwrap(), Ending::Finished);
+        self.record(1)
+    }
+}
+
+/// Other tests run beside these.
+fn without_suspicion() -> ValiditySettings {
+    let mut limits = serde_json::to_value(ValiditySettings::default()).unwrap();
+    for rule in limits.as_object_mut().unwrap().values_mut() {
+        rule["suspect"] = json!("never");
+    }
+    serde_json::from_value(limits).unwrap()
+}
+
+fn command(record: &WindowRecord) -> CommandRecord {
+    match record.of {
+        OfExperiment::Command { command } => command,
+        OfExperiment::Loops(_) => panic!("{record:?}"),
+    }
+}
+
+/// Whether the process whose number is in that file is gone.
+fn is_gone(place: &Place, file: &str) -> bool {
+    let stat = fs::read_to_string(format!("/proc/{}/stat", place.text(file).trim())).unwrap_or_default();
+    let state = stat
+        .rsplit_once(')')
+        .map(|(_, fields)| fields.trim_start().to_owned());
+    state.is_none_or(|state| state.starts_with('Z'))
+}
+
+#[test]
+fn each_window_is_a_call_and_has_what_the_metrics_are_read_from() {
+    let mut place =
+        Place::new("echo x >$1/m.csv; echo $2 >>$1/m.csv; echo more >$1/other; echo seed $3; pwd >&2");
+    place.windows = vec![3, 4];
+    assert_eq!(place.run().unwrap(), Ending::Finished);
+    let record = place.record(4);
+    assert_eq!(
+        (record.verdict, record.starts_run, record.complete),
+        (Verdict::Valid, false, true)
+    );
+    assert!(place.record(3).starts_run && record.started_ns >= place.record(3).ended_ns);
+    assert_eq!(command(&record).exit_code, Some(0));
+    let files: Vec<&str> = record.files.iter().map(|file| file.name.as_str()).collect();
+    assert_eq!(files, ["m.csv", "stderr.txt", "stdout.txt"]);
+    assert_eq!(place.text("data/window-4/m.csv"), "x\n4\n");
+    let seed = record::experiment::seed_of(4);
+    assert_eq!(place.text("data/window-4/stdout.txt"), format!("seed {seed}\n"));
+    let ran_in = fs::canonicalize(place.text("data/window-4/stderr.txt").trim()).unwrap();
+    assert_eq!(
+        ran_in,
+        fs::canonicalize(place.folder.path().join("work/files")).unwrap()
+    );
+    assert!(place.text("data/environment.json").contains("\"after\""));
+}
+
+#[test]
+fn what_a_command_used_is_on_record() {
+    let record =
+        Place::new("i=0; while [ $i -lt 100000 ]; do i=$((i+1)); done; printf 'x\\n1\\n' >$1/m.csv").only();
+    let used = command(&record);
+    assert!(
+        used.cpu_ns > 1_000_000 && used.peak_memory_bytes > 100_000,
+        "{used:?}"
+    );
+    assert!(record.cpu_share > 0.0);
+}
+
+#[test]
+fn a_command_that_fails_makes_a_window_that_does_not_count_and_the_next_one_is_measured() {
+    let mut place = Place::new(
+        "printf 'x\\n1\\n' >$1/m.csv; [ $2 = 2 ] || { echo 'no converg\u{1b}[31mence' >&2; exit 3; }",
+    );
+    place.windows = vec![1, 2];
+    assert_eq!(place.run().unwrap(), Ending::Finished);
+    let failed = place.record(1);
+    assert_eq!(
+        (failed.verdict, command(&failed).exit_code),
+        (Verdict::Invalid, Some(3))
+    );
+    assert_eq!(
+        failed.reasons,
+        [
+            "The command ended with exit code 3.",
+            "It printed last: no converg\u{fffd}[31mence"
+        ]
+    );
+    assert_eq!(place.record(2).verdict, Verdict::Valid);
+}
+
+#[rstest::rstest]
+#[case::nothing("true", "The command wrote no `m.csv`.")]
+#[case::empty(": >$1/m.csv", "m.csv: line 1 names no column `x`; it names none.")]
+#[case::no_number(
+    "printf 'x\\n1\\nfast\\n' >$1/m.csv",
+    "m.csv: line 3, column 1: `fast` is not a finite number."
+)]
+#[case::link("ln -s /etc/passwd $1/m.csv", "`m.csv` is a link and no file.")]
+#[case::fifo("mkfifo $1/m.csv", "`m.csv` is no regular file.")]
+#[case::folder("mkdir $1/m.csv", "`m.csv` is no regular file.")]
+#[case::no_folder("rm -r $1", "The command wrote no `m.csv`.")]
+#[case::linked_folder(
+    "rm -r $1; ln -s /etc $1",
+    "`m.csv` cannot be read: Not a directory (os error 20)."
+)]
+fn what_cannot_be_a_metric_is_said_and_does_not_count(#[case] script: &str, #[case] reason: &str) {
+    let record = Place::new(script).only();
+    assert_eq!(
+        (record.verdict, record.reasons),
+        (Verdict::Invalid, vec![reason.to_owned()])
+    );
+}
+
+#[test]
+fn what_is_compared_byte_for_byte_need_be_no_number_but_something() {
+    let metrics = json!([{"name": "s", "from": "state", "compare": "identical"}]);
+    let record = Place::new("printf '\\000\\377' >$1/state")
+        .with("metrics", metrics.clone())
+        .only();
+    assert_eq!(record.verdict, Verdict::Valid);
+    let record = Place::new(": >$1/state").with("metrics", metrics).only();
+    assert_eq!(record.reasons, ["`state` is empty."]);
+}
+
+#[test]
+fn what_a_command_leaves_behind_ends_with_its_window_whatever_it_did_to_get_away() {
+    let place = Place::new(
+        "setsid sh -c 'trap \"\" TERM HUP INT; echo $$ >left; while :; do sleep 1; done' & \
+         while [ ! -s left ]; do sleep 0.01; done; printf 'x\\n1\\n' >$1/m.csv",
+    );
+    let record = place.only();
+    assert_eq!(record.verdict, Verdict::Valid);
+    assert!(command(&record).left_behind >= 1);
+    assert!(is_gone(&place, "work/files/left"));
+}
+
+#[test]
+fn processes_that_start_others_without_end_leave_nothing() {
+    let place = Place::new(
+        "for i in 1 2 3 4 5 6 7 8; do (sleep 1000 & sleep 1000) & done; printf 'x\\n1\\n' >$1/m.csv",
+    );
+    let record = place.only();
+    assert!(command(&record).left_behind >= 8, "{record:?}");
+}
+
+#[test]
+fn a_command_that_takes_too_long_is_ended_though_it_ignores_to_be_asked() {
+    let place = Place::new("echo $$ >own; trap '' TERM; echo begun; while :; do sleep 0.1; done")
+        .with("window", json!({"timeout": "300ms"}));
+    let record = place.only();
+    assert_eq!(
+        (record.verdict, command(&record).exit_code),
+        (Verdict::Invalid, None)
+    );
+    assert_eq!(
+        record.reasons,
+        [
+            "The command was ended since it took longer than 0.3 s.",
+            "It printed last: begun"
+        ]
+    );
+    assert!(record.complete && is_gone(&place, "work/files/own"));
+}
+
+#[test]
+fn a_run_that_is_to_stop_ends_its_command_and_marks_the_window_cut() {
+    let mut place = Place::new("echo $$ >own; sleep 1000");
+    place.windows = vec![1, 2];
+    let stop = Arc::new(AtomicBool::new(false));
+    let begun = Instant::now();
+    let own = place.folder.path().join("work/files/own");
+    let watcher = thread::spawn({
+        let stop = Arc::clone(&stop);
+        move || {
+            while !own.exists() && begun.elapsed() < Duration::from_secs(60) {
+                thread::yield_now();
+            }
+            stop.store(true, Ordering::Relaxed);
+        }
+    });
+    assert_eq!(place.run_until(&stop).unwrap(), Ending::Stopped { window: 1 });
+    watcher.join().unwrap();
+    assert!(!place.record(1).complete && is_gone(&place, "work/files/own"));
+    assert!(!place.data().join("window-2").exists());
+}
+
+#[test]
+fn a_command_that_is_killed_is_the_platforms_and_its_window_is_not_there() {
+    let place = Place::new("echo out of luck; kill -SEGV $$");
+    let error = place.run().unwrap_err();
+    assert!(error.is_of_platform());
+    assert_eq!(
+        error.to_string(),
+        "the command of window 1 was killed by signal 11; it printed last: out of luck"
+    );
+    assert!(!place.data().join("window-1/window.json").exists());
+    assert_eq!(place.text("data/window-1/stdout.txt"), "out of luck\n");
+}
+
+#[test]
+fn a_program_that_is_not_there_is_told_with_what_to_do() {
+    let place = Place::new("").with("run", json!(["no-such-program"]));
+    let error = place.run().unwrap_err();
+    assert_eq!(error.to_string(), "`no-such-program` cannot be started");
+    assert!(error.is_of_platform() && error.hint().unwrap().contains("`prepare:`"));
+}
+
+#[test]
+fn what_a_command_prints_without_end_is_bounded() {
+    let place = Place::new("head -c 20000000 /dev/zero; printf 'x\\n1\\n' >$1/m.csv");
+    let record = place.only();
+    assert_eq!(command(&record).stdout_bytes, 20_000_000);
+    assert!(
+        fs::metadata(place.data().join("window-1/stdout.txt"))
+            .unwrap()
+            .len()
+            < (1 << 20) + 100
+    );
+}
+
+#[test]
+fn what_comes_before_the_windows_is_done_once_and_its_output_is_kept() {
+    let mut place = Place::new("cat made >$1/m.csv").with(
+        "prepare",
+        json!([
+            "/bin/sh",
+            "-c",
+            "echo preparing; printf 'x\\n1\\n' >made; [ ! -e twice ] && : >twice"
+        ]),
+    );
+    place.windows = vec![1, 2];
+    assert_eq!(place.run().unwrap(), Ending::Finished);
+    assert_eq!(place.record(2).verdict, Verdict::Valid);
+    assert_eq!(place.text("data/prepare/stdout.txt"), "preparing\n");
+}
+
+#[test]
+fn where_it_fails_nothing_is_measured_and_the_platform_is_named() {
+    let place = Place::new("true").with(
+        "prepare",
+        json!(["/bin/sh", "-c", "echo no compiler >&2; exit 2"]),
+    );
+    let error = place.run().unwrap_err();
+    assert!(error.is_of_platform());
+    assert_eq!(
+        error.to_string(),
+        "the command `prepare` ended with exit code 2; it printed last: no compiler"
+    );
+    assert!(!place.data().join("window-1").exists());
+}
