@@ -107,13 +107,10 @@ impl SweptSettings {
     /// A problem of these settings, at its place in the file.
     #[must_use]
     pub fn diagnose(&self, file: &MatrixFile, problem: &SettingsProblem) -> Diagnostic {
-        let stands = self
-            .tree
-            .entry_at(problem.path)
-            .is_some_and(|entry| entry.key.span != Span::default());
+        let stands = self.tree.stands(&problem.path);
         let span = self
             .tree
-            .locate(problem.path)
+            .locate(&problem.path)
             .unwrap_or_else(|| file.place_of(WORKLOAD));
         // A setting that is left out has no place of its own.
         let label = if stands {
@@ -317,7 +314,11 @@ impl MatrixFile {
         if let Some(entry) = self.tree.entry(EXPERIMENT).filter(|entry| !entry.value.is_null()) {
             tree.insert(EXPERIMENT, entry.key.span, entry.value.clone());
         }
-        for (path, value) in sweeps {
+        // Of an experiment that there is not, `experiment::read` says so.
+        let has_experiment = tree.entry(EXPERIMENT).is_some_and(|entry| !entry.value.is_null());
+        let sweeps = sweeps.into_iter();
+        for (path, value) in sweeps.filter(|(path, _)| has_experiment || !path.starts_with(sweep::PARAMETERS))
+        {
             tree.insert(&sweep::path_of(path), value.node.span, value.node.clone());
         }
         let settings = typing::read(&self.source, &tree)?;

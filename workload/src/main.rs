@@ -3,6 +3,7 @@
 //! Its exit codes are those of [`Exit`]; the last line of progress says which and why.
 
 use std::{
+    borrow::Cow,
     ffi::OsString,
     io::{self, Write},
     process::ExitCode,
@@ -98,7 +99,7 @@ enum WrongCall {
     Unreadable(#[from] serde_json::Error),
     #[error("{path}: {message}")]
     Problem {
-        path: &'static str,
+        path: Cow<'static, str>,
         message: String,
         hint: String,
     },

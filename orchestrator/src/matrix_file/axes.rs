@@ -13,6 +13,7 @@ use super::{
     spelling::{did_you_mean, propose},
     sweep::{Role, known_axes},
     tree::{Content, Node},
+    typing,
 };
 use crate::provider::Catalogue;
 
@@ -185,7 +186,7 @@ impl Section<'_> {
     }
 
     fn wrong_type(&mut self, node: &Node, wanted: &str) {
-        let message = format!("{wanted} belongs here, not {}", node.describe());
+        let message = typing::belongs_here(wanted, &node.describe());
         let error = self.error(Code::WrongType, node.span, message);
         self.found
             .push(error.help(format!("write {}", wanted.trim_end_matches(','))));

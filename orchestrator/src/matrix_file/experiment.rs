@@ -5,18 +5,26 @@ use std::sync::Arc;
 use record::experiment::CommandExperiment;
 
 use super::{
-    EXPERIMENT, WORKLOAD,
+    EXPERIMENT, REPORT, WORKLOAD,
     axes::Axes,
     diagnostic::{Code, Diagnostic, Diagnostics},
     source::{Source, Span},
     spelling::{list, propose},
     sweep::{PARAMETERS, Role},
-    tree::Node,
+    tree::{Content, Entry, Node},
     typing,
 };
 
 /// The settings of the workload that every experiment has.
 const SHARED: [&str; 3] = ["windows", "environments", "validity"];
+/// The settings of the report that are of the ball on the plate alone.
+const OF_ITS_REPORT: [&str; 5] = [
+    "metric",
+    "error",
+    "discard_periods",
+    "warm_up",
+    "equivalence_margin",
+];
 
 /// Finds what is wrong with the section and what it rules out.
 pub fn read(source: &Arc<Source>, tree: &Node, axes: &Axes, found: &mut Diagnostics) {
@@ -30,16 +38,28 @@ pub fn read(source: &Arc<Source>, tree: &Node, axes: &Axes, found: &mut Diagnost
         );
     }
     let section = tree.entry(EXPERIMENT).filter(|entry| !entry.value.is_null());
+    if let Some(lists) = section
+        .map(|entry| lists_of_values(&entry.value))
+        .filter(|lists| !lists.is_empty())
+    {
+        for entry in lists {
+            let name = &entry.key.value;
+            let message = format!("the parameter `{name}` has one value, not a list");
+            let help =
+                format!("write one of them here, and all as an axis: `parameters.{name}: …` under `matrix:`");
+            found.push(error(Code::WrongType, entry.value.span, message).help(help));
+        }
+        return;
+    }
     let experiment = section.and_then(|entry| {
         let read = typing::read::<CommandExperiment>(source, &entry.value);
         read.map_err(|wrong| found.extend(wrong)).ok()
     });
-    for axis in axes
-        .axes
-        .iter()
-        .filter(|axis| Role::of(&axis.name.value) == Ok(Role::Sweep))
-    {
-        let name = axis.name.value.as_str();
+    let assigned = axes.includes.iter().flat_map(|include| &include.values);
+    let names = axes.axes.iter().map(|axis| &axis.name);
+    let names = names.chain(assigned.map(|assignment| &assignment.axis));
+    for axis in names.filter(|name| Role::of(&name.value) == Ok(Role::Sweep)) {
+        let name = axis.value.as_str();
         let wrong = match (section, name.strip_prefix(PARAMETERS)) {
             (None, Some(_)) => Some((
                 "there is no experiment that has parameters".to_owned(),
@@ -51,17 +71,41 @@ pub fn read(source: &Arc<Source>, tree: &Node, axes: &Axes, found: &mut Diagnost
             _ => None,
         };
         if let Some((message, help)) = wrong {
-            found.push(error(Code::UnknownKey, axis.name.span, message).help(help));
+            found.push(error(Code::UnknownKey, axis.span, message).help(help));
         }
     }
     if section.is_none() {
         return;
+    }
+    let report = tree.entry(REPORT).map(|entry| entry.value.entries());
+    for entry in report.unwrap_or_default() {
+        let key = entry.key.value.as_str();
+        if OF_ITS_REPORT.contains(&key) || key == "matters" {
+            let message =
+                format!("`report.{key}` is of the ball on the plate, which this file does not measure");
+            let help = match key {
+                "equivalence_margin" | "matters" => {
+                    "write `equivalence_margin:` with a metric under `experiment:`, as a number in its unit"
+                }
+                _ => "take it out: what is compared is what `metrics:` under `experiment:` names",
+            };
+            found.push(error(Code::UnknownKey, entry.key.span, message).help(help));
+        }
     }
     let others = workload.map(Node::entries).unwrap_or_default().iter();
     for entry in others.filter(|entry| !is_shared(&entry.key.value) && entry.key.value != EXPERIMENT) {
         let (message, help) = of_the_ball(&entry.key.value);
         found.push(error(Code::UnknownKey, entry.key.span, message).help(help));
     }
+}
+
+/// The parameters that are written as lists: axes in the wrong place.
+fn lists_of_values(section: &Node) -> Vec<&Entry> {
+    let parameters = section.entry("parameters").map(|entry| entry.value.entries());
+    let parameters = parameters.unwrap_or_default().iter();
+    parameters
+        .filter(|entry| matches!(entry.value.content, Content::List(_)))
+        .collect()
 }
 
 fn is_shared(path: &str) -> bool {
@@ -89,3 +133,6 @@ fn of_the_ball(path: &str) -> (String, String) {
         ),
     )
 }
+
+#[cfg(test)]
+mod tests;

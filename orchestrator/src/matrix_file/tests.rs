@@ -37,7 +37,7 @@ fn works() -> ProviderFacts {
 }
 
 /// What is said of a text, be it when it is read or when it is planned.
-fn told(bytes: &[u8], profile: Option<&str>) -> Diagnostics {
+pub(super) fn told(bytes: &[u8], profile: Option<&str>) -> Diagnostics {
     let facts = BTreeMap::from([(
         THIS_MACHINE.to_owned(),
         HostFacts {
@@ -53,6 +53,16 @@ fn told(bytes: &[u8], profile: Option<&str>) -> Diagnostics {
         Ok(plan) => plan.warnings,
         Err(found) => found,
     }
+}
+
+/// What the case of the running test is: rstest names a test `case_07_tabs`, and the picture is named after that.
+pub(super) fn case_name() -> String {
+    let thread = std::thread::current();
+    let case = thread
+        .name()
+        .and_then(|name| name.rsplit("::").next())
+        .unwrap_or_default();
+    case.splitn(3, '_').nth(2).unwrap_or_default().to_owned()
 }
 
 #[rstest]
@@ -158,17 +168,10 @@ fn told(bytes: &[u8], profile: Option<&str>) -> Diagnostics {
 #[case::axis_twice("matrix:\n  virtualization: [native]\n  virtualization: [docker]\n")]
 #[case::control_characters("matrix:\n  \"\\e[31mred\": [1, 2]\n")]
 fn every_mistake_is_shown_at_its_place(#[case] text: &str) {
-    // rstest names a test `case_07_tabs`: the picture is named after what the case is.
-    let thread = std::thread::current();
-    let case = thread
-        .name()
-        .and_then(|name| name.rsplit("::").next())
-        .unwrap_or_default();
-    let name = case.splitn(3, '_').nth(2).unwrap_or_default();
     let told = told(text.as_bytes(), None);
     assert!(!told.is_empty());
     insta::with_settings!({ description => text, omit_expression => true }, {
-        insta::assert_snapshot!(name, told);
+        insta::assert_snapshot!(case_name(), told);
     });
 }
 

@@ -145,22 +145,45 @@ impl Node {
     }
 
     /// Where the node stands that a dotted path leads to, or the longest part of the path that stands anywhere: of what
-    /// holds others the key, which is what a person looks for.
+    /// holds others the key, which is what a person looks for. Items of lists are named by their places, from 0.
     #[must_use]
     pub fn locate(&self, path: &str) -> Option<Span> {
         let prefixes = path
             .match_indices('.')
             .map(|(at, _)| path.get(..at).unwrap_or(path));
         let prefixes: Vec<_> = prefixes.chain(std::iter::once(path)).collect();
-        let entries = prefixes.iter().rev().filter_map(|prefix| self.entry_at(prefix));
-        let spans = entries.map(|entry| {
-            if entry.value.text().is_some() {
-                entry.value.span
-            } else {
-                entry.key.span
-            }
-        });
-        spans.into_iter().find(|span| *span != Span::default())
+        let mut spans = prefixes.iter().rev().filter_map(|prefix| self.span_at(prefix));
+        spans.find(|span| *span != Span::default())
+    }
+
+    /// Whether what a dotted path leads to is written.
+    #[must_use]
+    pub fn stands(&self, path: &str) -> bool {
+        self.span_at(path).is_some_and(|span| span != Span::default())
+    }
+
+    fn span_at(&self, path: &str) -> Option<Span> {
+        if let Some(entry) = self.entry_at(path) {
+            return Some(match entry.value.text() {
+                Some(_) => entry.value.span,
+                None => entry.key.span,
+            });
+        }
+        // The longest part that is an entry has a list, of which the next word is an item's place.
+        let (list, rest) = path
+            .match_indices('.')
+            .rev()
+            .filter_map(|(at, _)| Some((self.entry_at(path.get(..at)?)?, path.get(at + 1..)?)))
+            .next()?;
+        let Content::List(items) = &list.value.content else {
+            return None;
+        };
+        let (place, rest) = rest.split_once('.').unwrap_or((rest, ""));
+        let item = items.get(place.parse::<usize>().ok()?)?;
+        match rest {
+            "" => Some(item.span),
+            rest => item.span_at(rest),
+        }
     }
 
     /// Puts a node where a dotted path leads, making the mappings on the way.

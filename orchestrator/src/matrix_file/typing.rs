@@ -123,8 +123,18 @@ impl TypeError {
                 .label(format!("has no `{key}`"))
                 .help(format!("add `{key}: …`")),
             Wrong::Type { found, wanted } => {
-                error(Code::WrongType, format!("{wanted} belongs here, not {found}"))
-                    .help(format!("write {wanted}"))
+                // A user who writes a shell's line is shown how a list is written.
+                let help = match found
+                    .strip_prefix("the text `")
+                    .and_then(|text| text.strip_suffix('`'))
+                {
+                    Some(words) if wanted == "a list" => {
+                        let words: Vec<&str> = words.split_whitespace().collect();
+                        format!("write a list, such as `[{}]`", words.join(", "))
+                    }
+                    _ => format!("write {wanted}"),
+                };
+                error(Code::WrongType, belongs_here(&wanted, &found)).help(help)
             }
             Wrong::TooMany => error(Code::WrongType, "there is one value too many here".to_owned())
                 .help("take it out of the list, or begin another list"),
@@ -135,6 +145,16 @@ impl TypeError {
             },
         }
     }
+}
+
+/// That something else belongs where something stands.
+pub fn belongs_here(wanted: &str, found: &str) -> String {
+    let belongs = if wanted.starts_with("keys") {
+        "belong"
+    } else {
+        "belongs"
+    };
+    format!("{wanted} {belongs} here, not {found}")
 }
 
 impl fmt::Display for TypeError {

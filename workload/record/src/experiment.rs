@@ -77,38 +77,74 @@ impl CommandExperiment {
     /// What does not fit together.
     #[must_use]
     pub fn problems(&self) -> Vec<SettingsProblem> {
+        let mut found = self.problems_of_size();
+        found.extend(self.problems_of_commands());
+        let problem = |path: String, (message, hint): (String, &str)| SettingsProblem {
+            path: format!("{PREFIX}.{path}").into(),
+            message,
+            hint: hint.to_owned(),
+        };
+        for (at, metric) in self.metrics.iter().enumerate() {
+            let before = self.metrics.get(..at).unwrap_or_default();
+            if before.iter().any(|other| other.name == metric.name) {
+                let message = format!("two metrics are called `{}`", metric.name);
+                let hint = "give each metric a name of its own";
+                found.push(problem(format!("metrics.{at}.name"), (message, hint)));
+            }
+            if let Some((field, message, hint)) = metric.problem() {
+                found.push(problem(format!("metrics.{at}.{field}"), (message, hint)));
+            }
+        }
+        for (at, file) in self.files.iter().enumerate().filter(|(_, file)| !is_below(file)) {
+            let message = format!("`{file}` is not below the matrix file's folder");
+            let hint = "copy it into the folder of the matrix file";
+            found.push(problem(format!("files.{at}"), (message, hint)));
+        }
+        for (name, value) in &self.parameters {
+            if !argument::is_parameter(name) {
+                let message = format!("`{name}` cannot be a parameter's name");
+                let hint = "use letters, digits, `_` and `-`, a letter first";
+                found.push(problem("parameters".to_owned(), (message, hint)));
+            }
+            if value.contains('\0') || value.len() > argument::LONGEST {
+                let message = format!("the value of `{name}` cannot be an argument of a command");
+                let hint = "write a shorter text without control characters";
+                found.push(problem(format!("parameters.{name}"), (message, hint)));
+            }
+        }
+        if self.window.timeout.duration().is_zero() {
+            let message = "a command cannot end in no time".to_owned();
+            let hint = "write a longer time, such as `10min`";
+            found.push(problem("window.timeout".to_owned(), (message, hint)));
+        }
+        found
+    }
+
+    /// More of something than any experiment has, or nothing.
+    fn problems_of_size(&self) -> Vec<SettingsProblem> {
         let mut found = Vec::new();
-        let mut problem = |path, message: String, hint: &str| {
+        let mut problem = |path: &str, message: String, hint: &str| {
+            let path = [PREFIX, path].join(".").trim_end_matches('.').to_owned();
             found.push(SettingsProblem {
-                path,
+                path: path.into(),
                 message,
                 hint: hint.to_owned(),
             });
         };
         if self.run.is_empty() {
             let hint = "write a program and its arguments as a list, such as `run: [python3, sim/reach.py]`";
-            problem("experiment.run", "there is no command to run".to_owned(), hint);
+            problem("run", "there is no command to run".to_owned(), hint);
         }
         if self.metrics.is_empty() {
             let hint = "write what a window measures, such as `- {name: error, unit: mm, from: errors.csv, column: error}`";
-            problem("experiment.metrics", "nothing is measured".to_owned(), hint);
-        }
-        for (path, command) in [
-            ("experiment.prepare", &self.prepare),
-            ("experiment.run", &self.run),
-        ] {
-            for placeholder in command.iter().flat_map(Argument::placeholders) {
-                if let Some((message, hint)) = self.refusal(path == "experiment.prepare", placeholder) {
-                    problem(path, message, &hint);
-                }
-            }
+            problem("metrics", "nothing is measured".to_owned(), hint);
         }
         let counts = [
-            ("experiment.files", self.files.len()),
-            ("experiment.prepare", self.prepare.len()),
-            ("experiment.run", self.run.len()),
-            ("experiment.parameters", self.parameters.len()),
-            ("experiment.metrics", self.metrics.len()),
+            ("files", self.files.len()),
+            ("prepare", self.prepare.len()),
+            ("run", self.run.len()),
+            ("parameters", self.parameters.len()),
+            ("metrics", self.metrics.len()),
         ];
         for (path, count) in counts.into_iter().filter(|(_, count)| *count > Self::MOST) {
             let message = format!("{count} are more than {}", Self::MOST);
@@ -124,63 +160,25 @@ impl CommandExperiment {
                 "the experiment is {bytes} bytes long, more than {}",
                 Self::LONGEST
             );
-            problem(
-                "experiment",
-                message,
-                "put long texts into files that the command reads",
-            );
+            problem("", message, "put long texts into files that the command reads");
         }
-        for (at, metric) in self.metrics.iter().enumerate() {
-            if self
-                .metrics
-                .iter()
-                .take(at)
-                .any(|other| other.name == metric.name)
-            {
-                let message = format!("two metrics are called `{}`", metric.name);
-                problem(
-                    "experiment.metrics",
+        found
+    }
+
+    /// Placeholders without a value.
+    fn problems_of_commands(&self) -> Vec<SettingsProblem> {
+        let mut found = Vec::new();
+        for (name, command) in [("prepare", &self.prepare), ("run", &self.run)] {
+            for (at, argument) in command.iter().enumerate() {
+                let refused = argument
+                    .placeholders()
+                    .filter_map(|placeholder| self.refusal(name == "prepare", placeholder));
+                found.extend(refused.map(|(message, hint)| SettingsProblem {
+                    path: format!("{PREFIX}.{name}.{at}").into(),
                     message,
-                    "give each metric a name of its own",
-                );
+                    hint,
+                }));
             }
-            if let Some((message, hint)) = metric.problem() {
-                problem("experiment.metrics", message, hint);
-            }
-        }
-        for file in self.files.iter().filter(|file| !is_below(file)) {
-            let message = format!("`{file}` is not below the matrix file's folder");
-            problem(
-                "experiment.files",
-                message,
-                "copy it into the folder of the matrix file",
-            );
-        }
-        for (name, value) in &self.parameters {
-            if !argument::is_parameter(name) {
-                let message = format!("`{name}` cannot be a parameter's name");
-                problem(
-                    "experiment.parameters",
-                    message,
-                    "use letters, digits, `_` and `-`, a letter first",
-                );
-            }
-            if value.contains('\0') || value.len() > argument::LONGEST {
-                let message = format!("the value of `{name}` cannot be an argument of a command");
-                problem(
-                    "experiment.parameters",
-                    message,
-                    "write a shorter text without control characters",
-                );
-            }
-        }
-        if self.window.timeout.duration().is_zero() {
-            let message = "a command cannot end in no time".to_owned();
-            problem(
-                "experiment.window.timeout",
-                message,
-                "write a longer time, such as `10min`",
-            );
         }
         found
     }
@@ -259,12 +257,14 @@ mod tests {
         })
     }
 
-    fn with(edit: impl FnOnce(&mut Value)) -> Vec<(&'static str, String)> {
+    fn with(edit: impl FnOnce(&mut Value)) -> Vec<(String, String)> {
         let mut experiment = reach();
         edit(&mut experiment);
         let experiment: CommandExperiment = serde_json::from_value(experiment).unwrap();
         let found = experiment.problems().into_iter();
-        found.map(|problem| (problem.path, problem.message)).collect()
+        found
+            .map(|problem| (problem.path.into_owned(), problem.message))
+            .collect()
     }
 
     #[test]
@@ -284,20 +284,20 @@ mod tests {
     #[case::no_command(|it: &mut Value| it["run"] = json!([]), "experiment.run", "there is no command to run")]
     #[case::no_metric(|it: &mut Value| it["metrics"] = json!([]), "experiment.metrics", "nothing is measured")]
     #[case::no_such_parameter(
-        |it: &mut Value| it["run"] = json!(["a", "{parameters.seed}"]), "experiment.run", "there is no parameter `seed`"
+        |it: &mut Value| it["run"] = json!(["a", "{parameters.seed}"]), "experiment.run.1", "there is no parameter `seed`"
     )]
     #[case::before_the_windows(
         |it: &mut Value| it["prepare"] = json!(["a", "{window.seed}"]),
-        "experiment.prepare", "`{window.seed}` has no value before the windows"
+        "experiment.prepare.1", "`{window.seed}` has no value before the windows"
     )]
     #[case::twice(
         |it: &mut Value| it["metrics"][1]["name"] = json!("reach_error"),
-        "experiment.metrics", "two metrics are called `reach_error`"
+        "experiment.metrics.1.name", "two metrics are called `reach_error`"
     )]
     #[case::outside(
-        |it: &mut Value| it["files"] = json!(["../secret"]), "experiment.files", "`../secret` is not below the matrix file's folder"
+        |it: &mut Value| it["files"] = json!(["../secret"]), "experiment.files.0", "`../secret` is not below the matrix file's folder"
     )]
-    #[case::root(|it: &mut Value| it["files"] = json!(["/etc"]), "experiment.files", "`/etc` is not below the matrix file's folder")]
+    #[case::root(|it: &mut Value| it["files"] = json!(["/etc"]), "experiment.files.0", "`/etc` is not below the matrix file's folder")]
     #[case::name_of_a_parameter(
         |it: &mut Value| it["parameters"]["a b"] = json!("1"), "experiment.parameters", "`a b` cannot be a parameter's name"
     )]
@@ -312,7 +312,7 @@ mod tests {
         #[case] path: &str,
         #[case] message: &str,
     ) {
-        assert_eq!(with(edit), [(path, message.to_owned())]);
+        assert_eq!(with(edit), [(path.to_owned(), message.to_owned())]);
     }
 
     #[test]

@@ -9,7 +9,7 @@ mod dynamics;
 mod need;
 pub mod validity;
 
-use std::ops::RangeInclusive;
+use std::{borrow::Cow, ops::RangeInclusive};
 
 use serde::{Deserialize, Serialize};
 
@@ -392,8 +392,8 @@ impl Default for LoopSettings {
 /// Two settings that do not fit together, or one out of its range.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct SettingsProblem {
-    /// Dotted path of the setting to change, such as `window`.
-    pub path: &'static str,
+    /// Dotted path of the setting to change, such as `window`; an item of a list is named by its place, from 0.
+    pub path: Cow<'static, str>,
     /// What is wrong.
     pub message: String,
     /// What to write instead.
@@ -498,7 +498,11 @@ impl Settings {
     pub fn problems(&self) -> Vec<SettingsProblem> {
         let mut problems = Vec::new();
         let mut problem = |path, message: String, hint: String| {
-            problems.push(SettingsProblem { path, message, hint });
+            problems.push(SettingsProblem {
+                path: Cow::Borrowed(path),
+                message,
+                hint,
+            });
         };
         if self.windows == 0 {
             problem(
@@ -549,7 +553,11 @@ impl Settings {
     /// What is wrong with what only the ball on the plate has.
     fn problems_of_the_ball(&self, problems: &mut Vec<SettingsProblem>) {
         let mut problem = |path, message: String, hint: String| {
-            problems.push(SettingsProblem { path, message, hint });
+            problems.push(SettingsProblem {
+                path: Cow::Borrowed(path),
+                message,
+                hint,
+            });
         };
         let period = self.period.as_nanos();
         if period == 0 {
@@ -741,6 +749,9 @@ mod tests {
         let mut settings = Settings::default();
         settings.network.backend = NetworkBackend::Mininet;
         settings.network.bandwidth = BitRate::from_mbit(mbit.into());
-        assert_eq!(settings.problems().first().map(|problem| problem.path), problem);
+        assert_eq!(
+            settings.problems().first().map(|problem| problem.path.as_ref()),
+            problem
+        );
     }
 }

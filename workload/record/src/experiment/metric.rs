@@ -47,43 +47,51 @@ impl Metric {
     /// A column's name is no longer, in bytes.
     const LONGEST_COLUMN: usize = 200;
 
-    /// What does not fit together, and what to write.
-    pub(super) fn problem(&self) -> Option<(String, &'static str)> {
+    /// What does not fit together: the field, why, and what to write.
+    pub(super) fn problem(&self) -> Option<(&'static str, String, &'static str)> {
         let name = &self.name;
         let has_controls = |text: &str| text.chars().any(char::is_control);
         if self.compare == Compare::Identical && self.column.is_some() {
             let what = format!("`{name}` compares files byte for byte, in which a column means nothing");
-            return Some((what, "take `column` out, or write `compare: ks`"));
+            return Some(("column", what, "take `column` out, or write `compare: ks`"));
         }
         if self.compare == Compare::Identical && !self.unit.is_empty() {
             let what = format!("`{name}` compares files byte for byte, which have no unit");
-            return Some((what, "take `unit` out, or write `compare: ks`"));
+            return Some(("unit", what, "take `unit` out, or write `compare: ks`"));
         }
         if self.compare == Compare::Identical && self.equivalence_margin.is_some() {
             let what = format!("`{name}` compares files byte for byte, of which nothing is immaterial");
-            return Some((what, "take `equivalence_margin` out, or write `compare: ks`"));
+            return Some((
+                "equivalence_margin",
+                what,
+                "take `equivalence_margin` out, or write `compare: ks`",
+            ));
         }
         if self
             .equivalence_margin
             .is_some_and(|margin| !margin.is_finite() || margin <= 0.0)
         {
             let what = format!("the equivalence margin of `{name}` is no shift");
-            return Some((what, "write a number above 0, in the unit of the metric"));
+            return Some((
+                "equivalence_margin",
+                what,
+                "write a number above 0, in the unit of the metric",
+            ));
         }
         if self.unit.len() > Self::LONGEST_UNIT || has_controls(&self.unit) {
             let what = format!("the unit of `{name}` is no unit");
-            return Some((what, "write a short one, such as `mm`"));
+            return Some(("unit", what, "write a short one, such as `mm`"));
         }
         if layout::OF_A_COMMAND.contains(&self.from.as_str()) {
             let what = format!("`{}` is a file that `matrix` writes", self.from);
-            return Some((what, "let the command write to a file of another name"));
+            return Some(("from", what, "let the command write to a file of another name"));
         }
         match &self.column {
             Some(column)
                 if column.is_empty() || column.len() > Self::LONGEST_COLUMN || has_controls(column) =>
             {
                 let what = format!("the column of `{name}` cannot be a column's name");
-                Some((what, "write the name as the file's first line has it"))
+                Some(("column", what, "write the name as the file's first line has it"))
             }
             _ => None,
         }
@@ -126,7 +134,7 @@ mod tests {
     #[case(Metric { from: "window.json".to_owned(), ..metric() }, "is a file that `matrix` writes")]
     #[case(Metric { column: Some(String::new()), ..metric() }, "cannot be a column's name")]
     fn what_does_not_fit_is_said(#[case] metric: Metric, #[case] words: &str) {
-        let (what, _) = metric.problem().unwrap();
+        let (_, what, _) = metric.problem().unwrap();
         assert!(what.contains(words), "{what}");
     }
 
