@@ -69,6 +69,15 @@ pub enum ExperimentFilesError {
 }
 
 impl ExperimentFilesError {
+    /// Whether it is about this entry of `files:`.
+    #[must_use]
+    pub fn names(&self, named: &str) -> bool {
+        match self {
+            Self::Missing { path } | Self::Pattern { pattern: path, .. } => path == named,
+            _ => false,
+        }
+    }
+
     /// What to do about it.
     #[must_use]
     pub const fn hint(&self) -> Option<&'static str> {

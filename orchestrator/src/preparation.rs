@@ -7,8 +7,14 @@
 
 use std::{collections::BTreeMap, path::Path};
 
+use record::causes::with_causes;
+
 use crate::{
-    matrix_file::{Diagnostics, MatrixFile},
+    experiment_files::ExperimentFiles,
+    matrix_file::{
+        Diagnostics, MatrixFile,
+        diagnostic::{Code, Diagnostic},
+    },
     plan::{self, ExpandedMatrix, HostFacts, Plan, Selection, order::Order},
     provider::{Catalogue, Providers},
     survey,
@@ -53,6 +59,8 @@ pub struct Prepared {
     pub providers: Providers,
     /// What is known of the hosts, by their names.
     pub facts: BTreeMap<String, HostFacts>,
+    /// The files of a user's experiment, if it has any.
+    pub files: Option<ExperimentFiles>,
 }
 
 /// Why there is no plan.
@@ -90,6 +98,7 @@ pub async fn prepare(request: &PlanRequest<'_>, catalogue: Catalogue) -> Result<
         .plan(&facts, &request.selection, request.order, request.seed)
         .map_err(PreparationError::Plan)?;
     Ok(Prepared {
+        files: files(request, &file)?,
         file,
         plan,
         providers,
@@ -104,7 +113,32 @@ pub async fn prepare(request: &PlanRequest<'_>, catalogue: Catalogue) -> Result<
 pub fn prepare_offline(request: &PlanRequest<'_>, catalogue: Catalogue) -> Result<Plan, PreparationError> {
     let file = MatrixFile::read(request.file, request.profile, catalogue).map_err(PreparationError::File)?;
     let facts = survey::unasked(&file);
+    files(request, &file)?;
     plan::plan(&file, &facts, &request.selection, request.order, request.seed).map_err(PreparationError::Plan)
+}
+
+/// The files of a user's experiment, which lie beside the matrix file.
+fn files(request: &PlanRequest<'_>, file: &MatrixFile) -> Result<Option<ExperimentFiles>, PreparationError> {
+    let experiment = file.workload.experiment.as_ref();
+    let Some(experiment) = experiment.filter(|experiment| !experiment.files.is_empty()) else {
+        return Ok(None);
+    };
+    let folder = request.file.parent().unwrap_or(Path::new(""));
+    ExperimentFiles::pack(folder, &experiment.files)
+        .map(Some)
+        .map_err(|error| {
+            let place = experiment.files.iter().position(|named| error.names(named));
+            let path = place.map_or_else(String::new, |at| format!(".{at}"));
+            let span = file.place_of(&format!("experiment.files{path}"));
+            let message = with_causes(&error);
+            let mut diagnostic = Diagnostic::error(&file.source, Code::InvalidValue, span, message);
+            if let Some(hint) = error.hint() {
+                diagnostic = diagnostic.help(hint);
+            }
+            let mut found = Diagnostics::default();
+            found.push(diagnostic);
+            PreparationError::File(found)
+        })
 }
 
 #[cfg(test)]
@@ -128,6 +162,21 @@ mod tests {
         let file = folder.path().join("matrix.yaml");
         fs::write(&file, text).unwrap();
         (file, folder)
+    }
+
+    #[test]
+    fn files_that_are_not_there_are_told_before_anything_is_run() {
+        let (file, _folder) = written(
+            "matrix: {}\nexperiment:\n  name: reach\n  files: [matrix.yaml, sin/]\n  run: [\"true\"]\n  metrics:\n  - {name: error, \
+             from: errors.csv}\n",
+        );
+        let wrong = prepare_offline(&PlanRequest::new(&file), Catalogue::default()).unwrap_err();
+        let told = wrong.into_mistakes().to_string();
+        assert!(
+            told.contains("there is no `sin/` beside the matrix file"),
+            "{told}"
+        );
+        assert!(told.contains("matrix.yaml:4:24"), "{told}");
     }
 
     #[tokio::test]

@@ -179,7 +179,7 @@ impl Runs<'_> {
         for (position, number) in self.request.windows.iter().copied().enumerate() {
             let folder = WindowFolder::create(&self.request.data, number)?;
             let record = self.window(number, position == 0, &folder)?;
-            let (is_complete, verdict) = (record.complete, record.verdict);
+            let (is_complete, verdict, reason) = (record.complete, record.verdict, record.invalid_for());
             folder.seal(record)?;
             if !is_complete {
                 return Ok(Ending::Stopped { window: number });
@@ -187,6 +187,7 @@ impl Runs<'_> {
             self.reporter.say(&Progress::WindowComplete {
                 window: number,
                 verdict,
+                reason,
             });
         }
         Ok(Ending::Finished)
@@ -226,12 +227,13 @@ impl Runs<'_> {
         let mut reasons = Vec::new();
         match ended.outcome {
             Outcome::Exited(0) => reasons = self.collect(folder)?,
+            // Its verdict says so.
             Outcome::Exited(_) => {}
-            ref outcome => reasons.push(format!("The command {}.", outcome.in_words(call.timeout))),
+            ref outcome => reasons.push(format!("the command {}", outcome.in_words(call.timeout))),
         }
         if ended.outcome != Outcome::Exited(0) {
             let words = ended.last_words(LAST_WORDS);
-            reasons.extend((!words.is_empty()).then(|| format!("It printed last: {words}")));
+            reasons.extend((!words.is_empty()).then(|| format!("it printed last: {words}")));
         }
         Ok(self.record(number, starts_run, (&began, &after), &ended, reasons))
     }
@@ -322,17 +324,17 @@ fn fetch(output: &Path, name: &str, to: &Path) -> io::Result<Option<String>> {
     let opened = folder.and_then(|folder| rustix::fs::openat(&folder, name, flags, Mode::empty()));
     let file = match opened {
         Ok(file) => File::from(file),
-        Err(rustix::io::Errno::NOENT) => return Ok(Some(format!("The command wrote no `{name}`."))),
-        Err(rustix::io::Errno::LOOP) => return Ok(Some(format!("`{name}` is a link and no file."))),
-        Err(error) => return Ok(Some(format!("`{name}` cannot be read: {error}."))),
+        Err(rustix::io::Errno::NOENT) => return Ok(Some(format!("the command wrote no `{name}`"))),
+        Err(rustix::io::Errno::LOOP) => return Ok(Some(format!("`{name}` is a link and no file"))),
+        Err(error) => return Ok(Some(format!("`{name}` cannot be read: {error}"))),
     };
     let metadata = file.metadata()?;
     if !metadata.is_file() {
-        return Ok(Some(format!("`{name}` is no regular file.")));
+        return Ok(Some(format!("`{name}` is no regular file")));
     }
     if metadata.len() > CommandExperiment::LONGEST_FILE {
         return Ok(Some(format!(
-            "`{name}` has {} bytes, more than {}.",
+            "`{name}` has {} bytes, more than {}",
             metadata.len(),
             CommandExperiment::LONGEST_FILE
         )));
@@ -350,11 +352,11 @@ fn check(metric: &Metric, path: &Path) -> io::Result<Option<String>> {
     let file = File::open(path)?;
     let is_empty = file.metadata()?.len() == 0;
     Ok(match metric.compare {
-        Compare::Identical if is_empty => Some(format!("`{}` is empty.", metric.from)),
+        Compare::Identical if is_empty => Some(format!("`{}` is empty", metric.from)),
         Compare::Identical => None,
         Compare::Ks => read_values(metric, io::BufReader::new(file))
             .err()
-            .map(|error| format!("{}.", with_causes(&error))),
+            .map(|error| with_causes(&error)),
     })
 }
 

@@ -179,27 +179,27 @@ fn a_command_that_fails_makes_a_window_that_does_not_count_and_the_next_one_is_m
     assert_eq!(
         failed.reasons,
         [
-            "The command ended with exit code 3.",
-            "It printed last: no converg\u{fffd}[31mence"
+            "the command ended with exit code 3",
+            "it printed last: no converg\u{fffd}[31mence"
         ]
     );
     assert_eq!(place.record(2).verdict, Verdict::Valid);
 }
 
 #[rstest::rstest]
-#[case::nothing("true", "The command wrote no `m.csv`.")]
-#[case::empty(": >$1/m.csv", "m.csv: line 1 names no column `x`; it names none.")]
+#[case::nothing("true", "the command wrote no `m.csv`")]
+#[case::empty(": >$1/m.csv", "m.csv: line 1 names no column `x`; it names none")]
 #[case::no_number(
     "printf 'x\\n1\\nfast\\n' >$1/m.csv",
-    "m.csv: line 3, column 1: `fast` is not a finite number."
+    "m.csv: line 3, column 1: `fast` is not a finite number"
 )]
-#[case::link("ln -s /etc/passwd $1/m.csv", "`m.csv` is a link and no file.")]
-#[case::fifo("mkfifo $1/m.csv", "`m.csv` is no regular file.")]
-#[case::folder("mkdir $1/m.csv", "`m.csv` is no regular file.")]
-#[case::no_folder("rm -r $1", "The command wrote no `m.csv`.")]
+#[case::link("ln -s /etc/passwd $1/m.csv", "`m.csv` is a link and no file")]
+#[case::fifo("mkfifo $1/m.csv", "`m.csv` is no regular file")]
+#[case::folder("mkdir $1/m.csv", "`m.csv` is no regular file")]
+#[case::no_folder("rm -r $1", "the command wrote no `m.csv`")]
 #[case::linked_folder(
     "rm -r $1; ln -s /etc $1",
-    "`m.csv` cannot be read: Not a directory (os error 20)."
+    "`m.csv` cannot be read: Not a directory (os error 20)"
 )]
 fn what_cannot_be_a_metric_is_said_and_does_not_count(#[case] script: &str, #[case] reason: &str) {
     let record = Place::new(script).only();
@@ -217,7 +217,7 @@ fn what_is_compared_byte_for_byte_need_be_no_number_but_something() {
         .only();
     assert_eq!(record.verdict, Verdict::Valid);
     let record = Place::new(": >$1/state").with("metrics", metrics).only();
-    assert_eq!(record.reasons, ["`state` is empty."]);
+    assert_eq!(record.reasons, ["`state` is empty"]);
 }
 
 #[test]
@@ -253,8 +253,8 @@ fn a_command_that_takes_too_long_is_ended_though_it_ignores_to_be_asked() {
     assert_eq!(
         record.reasons,
         [
-            "The command was ended since it took longer than 0.3 s.",
-            "It printed last: begun"
+            "the command was ended since it took longer than 0.3 s",
+            "it printed last: begun"
         ]
     );
     assert!(record.complete && is_gone(&place, "work/files/own"));

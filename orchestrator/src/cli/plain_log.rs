@@ -127,8 +127,17 @@ fn said(progress: &Progress) -> Option<String> {
         Progress::Rehearsing { .. } => "nothing is measured".to_owned(),
         Progress::Notice { host, text } => format!("{host}: {text}"),
         Progress::Measuring { window } => format!("measuring window {window}"),
-        Progress::WindowComplete { window, verdict } => {
-            format!("window {window} complete, {}", verdict.name())
+        Progress::WindowComplete {
+            window,
+            verdict,
+            reason,
+        } => {
+            let reason = reason.as_ref().map(|reason| format!(": {reason}"));
+            format!(
+                "window {window} complete, {}{}",
+                verdict.name(),
+                reason.unwrap_or_default()
+            )
         }
         Progress::PlatformChanged { changes } => {
             let changes: Vec<String> = changes.iter().map(ToString::to_string).collect();

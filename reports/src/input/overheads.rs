@@ -129,6 +129,7 @@ mod tests {
             progress: Progress::WindowComplete {
                 window,
                 verdict: Verdict::Valid,
+                reason: None,
             },
         }
     }

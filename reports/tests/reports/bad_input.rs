@@ -242,6 +242,7 @@ fn why_a_window_is_not_there_is_what_the_journal_says_of_it() {
         progress: Progress::WindowComplete {
             window,
             verdict: Verdict::Valid,
+            reason: None,
         },
     };
     let collected = |window| Event::WindowCollected {

@@ -308,6 +308,7 @@ fn a_run_measures_contiguous_windows_with_all_their_files() {
     let complete = |record: &WindowRecord| Progress::WindowComplete {
         window: record.window,
         verdict: record.verdict,
+        reason: record.invalid_for(),
     };
     assert!(matches!(said[0], Progress::Started { .. }), "{said:?}");
     assert_eq!(

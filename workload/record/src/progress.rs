@@ -113,6 +113,9 @@ pub enum Progress {
         window: u32,
         /// What it is worth.
         verdict: Verdict,
+        /// Why, of one that is invalid.
+        #[serde(default, skip_serializing_if = "Option::is_none")]
+        reason: Option<String>,
     },
     /// After the windows the platform was not what it had been before them.
     PlatformChanged {

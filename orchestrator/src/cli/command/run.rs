@@ -2,7 +2,7 @@
 
 use std::{
     fs,
-    path::{self, Path, PathBuf},
+    path::{self, PathBuf},
     time::SystemTime,
 };
 
@@ -80,8 +80,7 @@ pub async fn execute(arguments: &RunArguments, catalogue: Catalogue) -> Result<E
             exit: Exit::Infrastructure,
         });
     }
-    let files = experiment_files(arguments, &planned)?;
-    let manifest = manifest(arguments, &planned, files.as_ref())?;
+    let manifest = manifest(arguments, &planned)?;
     // Plans, labels and leases are JSON and have it in them.
     if path::absolute(&arguments.out).is_ok_and(|out| out.to_str().is_none()) {
         return Err(CommandError {
@@ -94,7 +93,7 @@ pub async fn execute(arguments: &RunArguments, catalogue: Catalogue) -> Result<E
         &arguments.out.join(&manifest.run),
         &manifest,
         record,
-        files.as_ref(),
+        planned.files.as_ref(),
     )?;
     let _lock = lock(&directory, &manifest.run)?;
     if !quiet {
@@ -124,29 +123,7 @@ pub async fn execute(arguments: &RunArguments, catalogue: Catalogue) -> Result<E
     report::after_run(&directory, exit, arguments.output)
 }
 
-/// The files of a user's experiment, which lie beside the matrix file.
-fn experiment_files(
-    arguments: &RunArguments,
-    planned: &Prepared,
-) -> Result<Option<ExperimentFiles>, CommandError> {
-    let experiment = planned.file.workload.experiment.as_ref();
-    let Some(experiment) = experiment.filter(|experiment| !experiment.files.is_empty()) else {
-        return Ok(None);
-    };
-    let folder = arguments.file.parent().unwrap_or(Path::new(""));
-    ExperimentFiles::pack(folder, &experiment.files)
-        .map(Some)
-        .map_err(|error| {
-            let hint = error.hint().map(str::to_owned);
-            CommandError::new(Exit::Wrong, &error, hint)
-        })
-}
-
-fn manifest(
-    arguments: &RunArguments,
-    planned: &Prepared,
-    files: Option<&ExperimentFiles>,
-) -> Result<Manifest, CommandError> {
+fn manifest(arguments: &RunArguments, planned: &Prepared) -> Result<Manifest, CommandError> {
     let text = planned.file.source.text();
     let path = fs::canonicalize(&arguments.file).unwrap_or_else(|_| arguments.file.clone());
     let providers = planned.file.providers.to_record();
@@ -166,7 +143,7 @@ fn manifest(
         seed: arguments.selection.seed,
         providers,
         hosts: hosts(planned),
-        experiment_sha256: files.map(ExperimentFiles::sha256),
+        experiment_sha256: planned.files.as_ref().map(ExperimentFiles::sha256),
         report: planned.file.report.clone(),
         state_directory: Some(StateDirectory::of_this_user().path().to_owned()),
         redacted: false,

@@ -69,6 +69,7 @@ fn script(windows: &[u32]) -> Vec<Progress> {
     let measured = windows.iter().map(|window| Progress::WindowComplete {
         window: *window,
         verdict: Verdict::Valid,
+        reason: None,
     });
     start
         .into_iter()

@@ -118,7 +118,11 @@ impl AfterOneWindow {
     fn that_is_empty(is_empty: bool) -> Box<dyn Environment> {
         let verdict = Verdict::Valid;
         Box::new(Self {
-            lines: VecDeque::from([Progress::WindowComplete { window: 1, verdict }]),
+            lines: VecDeque::from([Progress::WindowComplete {
+                window: 1,
+                verdict,
+                reason: None,
+            }]),
             is_empty,
         })
     }

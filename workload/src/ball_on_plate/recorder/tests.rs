@@ -307,8 +307,16 @@ fn progress_says_when_measuring_began_and_which_windows_are_whole() {
         recorded.progress(),
         [
             Progress::Measuring { window: 1 },
-            Progress::WindowComplete { window: 1, verdict },
-            Progress::WindowComplete { window: 2, verdict },
+            Progress::WindowComplete {
+                window: 1,
+                verdict,
+                reason: None,
+            },
+            Progress::WindowComplete {
+                window: 2,
+                verdict,
+                reason: None,
+            },
         ]
     );
 }

@@ -170,7 +170,7 @@ fn completeness(
 fn ending(command: &CommandRecord, findings: &mut Findings) {
     // Why it was ended, only those know who did.
     if let Some(code) = command.exit_code.filter(|code| *code != 0) {
-        findings.invalid(format!("The command ended with exit code {code}."));
+        findings.invalid(format!("the command ended with exit code {code}"));
     }
 }
 
@@ -278,7 +278,7 @@ mod tests {
     #[case::clean(|_: &mut WindowRecord| (), Verdict::Valid, &[])]
     #[case::command(|it: &mut WindowRecord| of_a_command(it, 0), Verdict::Valid, &[])]
     #[case::failed_command(
-        |it: &mut WindowRecord| of_a_command(it, 3), Verdict::Invalid, &["The command ended with exit code 3."]
+        |it: &mut WindowRecord| of_a_command(it, 3), Verdict::Invalid, &["the command ended with exit code 3"]
     )]
     #[case::cut(
         |it: &mut WindowRecord| { it.complete = false; loops(it).steps_done = 7; },
