@@ -281,6 +281,7 @@ impl Found {
             for file in files(&folder).map_err(unreadable)? {
                 match Kind::of(&file) {
                     Some(Kind::Document) => self.look_at("", &read_record(&file, FORMAT)?),
+                    Some(Kind::LeftOut) => {}
                     Some(Kind::Text) => {
                         self.look_at_text(&String::from_utf8_lossy(&read_file(&file, LONGEST_RECORD)?));
                     }
@@ -410,12 +411,15 @@ enum Kind {
     Document,
     /// Text.
     Text,
+    /// What a command printed, which may be anything.
+    LeftOut,
 }
 
 impl Kind {
     fn of(file: &Place) -> Option<Self> {
         match file.name() {
             layout::WINDOW => Some(Self::Document),
+            layout::STDOUT | layout::STDERR => Some(Self::LeftOut),
             name if name.starts_with("environment") && name.ends_with(".json") => Some(Self::Document),
             name if name.starts_with("network") && name.ends_with(".txt") => Some(Self::Text),
             _ => None,
@@ -500,8 +504,8 @@ impl ScenarioRun {
     }
 }
 
-/// Makes a copy of a run without the names, from which a report can be made. Left out are what broke, the report, and lines
-/// of the journal that a crash cut. It has checksums of its own where the run has them.
+/// Makes a copy of a run without the names, from which a report can be made. Left out are what broke, the report, the files
+/// of a user's experiment and what its commands printed, and lines of the journal that a crash cut. It has checksums of its own where the run has them.
 ///
 /// # Errors
 /// When there is something at that place, and when something cannot be read or written, or is damaged.
@@ -598,6 +602,7 @@ fn copy_scenario(
                 ensure_as_written(&file, known)?;
                 copy_document(&file, &copy, redaction, sums)?;
             }
+            Some(Kind::LeftOut) => {}
             Some(Kind::Text) => {
                 let text = redaction.text(&String::from_utf8_lossy(&read_file(&file, LONGEST_RECORD)?));
                 write(&copy, text.as_bytes())?;
@@ -640,7 +645,15 @@ fn copy_document(
     redaction: &Redaction,
     sums: &mut NewSums,
 ) -> Result<(), CopyError> {
-    sums.write_document(from, to, &redaction.document(read_record(from, FORMAT)?))
+    let mut document = redaction.document(read_record(from, FORMAT)?);
+    // A window's record names the files that the copy has.
+    if let Some(Value::Array(files)) = document.get_mut("files") {
+        files.retain(|file| {
+            let name = file.get("name").and_then(Value::as_str).unwrap_or_default();
+            ![layout::STDOUT, layout::STDERR].contains(&name)
+        });
+    }
+    sums.write_document(from, to, &document)
 }
 
 fn write(to: &Place, text: &[u8]) -> Result<(), CopyError> {

@@ -7,7 +7,6 @@
 //! ```
 
 mod call;
-mod descendants;
 mod output;
 
 use std::{
@@ -28,12 +27,10 @@ use record::{
 };
 use rustix::fs::{Mode, OFlags};
 
-use self::{
-    call::{Call, Ended, Outcome},
-    descendants::become_subreaper,
-};
+use self::call::{Call, Ended, Outcome};
 pub use crate::command_error::CommandError;
 use crate::{
+    descendants::become_subreaper,
     experiment::{
         Ending, Experiment, ExperimentError, KnownPlatform, Reporter, Request, snapshot::Snapshot,
         window_folder::WindowFolder,
@@ -89,6 +86,7 @@ impl Experiment for Command {
 
 /// Where commands run and write.
 struct Place {
+    work: PathBuf,
     files: PathBuf,
     output: PathBuf,
     /// The output folder as an argument has it.
@@ -103,6 +101,7 @@ impl Place {
         let absolute = std::path::absolute(&output).map_err(write_error(&output))?;
         let output_text = absolute.to_str().map(str::to_owned);
         Ok(Self {
+            work: work.to_owned(),
             files,
             output_text: output_text.ok_or(CommandError::NoText { path: absolute })?,
             output,
@@ -148,6 +147,7 @@ impl Runs<'_> {
         Call {
             arguments: command.iter().map(|it| it.filled(parameters, values)).collect(),
             folder: &self.place.files,
+            work: &self.place.work,
             timeout: self.experiment.window.timeout.duration(),
             stop: self.stop,
         }

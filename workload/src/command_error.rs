@@ -85,9 +85,10 @@ impl CommandError {
                 io::ErrorKind::PermissionDenied => "make the file executable (`chmod +x`)".to_owned(),
                 _ => return None,
             }),
-            Self::NotPrepared { .. } => {
-                Some("its whole output is in `prepare/` of the environment's data".to_owned())
-            }
+            Self::NotPrepared { .. } => Some(
+                "its whole output is in `prepare-*` files of the scenario's folder in the run directory"
+                    .to_owned(),
+            ),
             Self::Killed { signal: 9, .. } => {
                 Some("see whether there was too little memory (`dmesg`, or the container's limit)".to_owned())
             }

@@ -16,6 +16,7 @@ pub mod check;
 mod child_process;
 pub mod command;
 mod command_error;
+mod descendants;
 pub mod detached;
 pub mod enter;
 pub mod experiment;

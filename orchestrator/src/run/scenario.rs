@@ -655,7 +655,7 @@ impl Run<'_> {
     }
 
     /// Writes the scenario's `environment.json`: what the provider knows and what the workload saw from inside, and
-    /// puts the workload's `network.txt` beside it. That of
+    /// puts the workload's `network.txt` and what a `prepare` command printed beside it. That of
     /// an earlier environment, whose windows may count, stays under its own name.
     fn keep_platform(
         &self,
@@ -688,6 +688,13 @@ impl Run<'_> {
             place
                 .beside(layout::NETWORK)
                 .write(&network.read(LONGEST_TEXT)?)?;
+        }
+        for name in [layout::STDOUT, layout::STDERR] {
+            let printed = folder.join(layout::PREPARE).join(name);
+            if printed.exists() {
+                let kept = place.beside(format!("{}-{}-{name}", layout::PREPARE, request.environment));
+                kept.write(&printed.read(LONGEST_TEXT)?)?;
+            }
         }
         let mut text = serde_json::to_vec_pretty(&record).map_err(io::Error::from)?;
         text.push(b'\n');

@@ -173,7 +173,7 @@ impl Night {
 
 fn configuration(run: &Run, scenario: &ScenarioRun) -> Value {
     let provider = scenario.planned.axis(VIRTUALIZATION).unwrap_or_default();
-    json!({
+    let mut configuration = json!({
         "settings": scenario.planned.settings,
         "workload_sha256": run.manifest.workload_sha256,
         "provider": run.manifest.providers.get(&provider),
@@ -181,7 +181,12 @@ fn configuration(run: &Run, scenario: &ScenarioRun) -> Value {
         "error": run.manifest.report.error,
         "discard_periods": run.manifest.report.discard_periods,
         "warm_up": run.manifest.report.warm_up,
-    })
+    });
+    // A night of an earlier version has no such field, and is not another configuration for that.
+    if let Some(sha256) = &run.manifest.experiment_sha256 {
+        configuration["experiment_sha256"] = sha256.as_str().into();
+    }
+    configuration
 }
 
 /// Why none of its windows counts.

@@ -24,6 +24,8 @@ pub const PREPARE: &str = "prepare";
 pub const FILES: &str = "files";
 /// Where a command writes, below the same.
 pub const OUTPUT: &str = "output";
+/// The variable by which what a command starts is found again if its workload was killed: the folder for the command's work.
+pub const WORK_VARIABLE: &str = "MATRIX_WORK";
 /// The lines of a detached workload, where it is kept.
 pub const LINES: &str = "lines.jsonl";
 /// Whose a detached workload is ([`crate::detached::Owner`]).

@@ -28,8 +28,10 @@ use rustix::{
     process::{PidfdFlags, Resource, Rlimit, pidfd_open, prlimit},
 };
 
-use super::{CommandError, descendants::end_all, output::Kept};
-use crate::{child_process, experiment::ExperimentError};
+use record::layout;
+
+use super::{CommandError, output::Kept};
+use crate::{child_process, descendants::end_all, experiment::ExperimentError};
 
 /// How often the workload looks whether it is to stop and whether the disk is full. The command's end is noticed at once.
 const LOOK: Duration = Duration::from_secs(1);
@@ -50,6 +52,8 @@ pub struct Call<'a> {
     pub arguments: Vec<String>,
     /// In which it runs.
     pub folder: &'a Path,
+    /// The folder for all commands of the environment, which names it.
+    pub work: &'a Path,
     /// For how long at most.
     pub timeout: Duration,
     /// Ends it once it is set.
@@ -160,6 +164,7 @@ impl Call<'_> {
                 command.env(name, value);
             }
         }
+        command.env(layout::WORK_VARIABLE, self.work);
         let begun = Instant::now();
         let mut child = child_process::spawn(&mut command).map_err(|source| CommandError::Start {
             program: program.clone(),

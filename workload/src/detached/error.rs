@@ -9,11 +9,14 @@ use std::{
 use record::{detached::Failure, transfer::SendError};
 use rustix::io::Errno;
 
-use crate::network::NetworkError;
+use crate::{command_error::CommandError, network::NetworkError};
 
 /// Why a verb failed.
 #[derive(Debug, thiserror::Error)]
 pub enum DetachedError {
+    /// What a user's command left behind cannot be ended.
+    #[error(transparent)]
+    Command(CommandError),
     /// Of a name that is no safe name of a folder.
     #[error("an environment cannot be called {name:?}")]
     Name {
@@ -161,6 +164,7 @@ impl DetachedError {
             Self::Name { .. } => {
                 "use letters, digits, `.`, `_` and `-`, at most 200 of them, with a letter or digit first"
             }
+            Self::Command(error) => return error.hint(),
             Self::Root { .. } => "write the whole path, from `/` on",
             Self::Exists { .. } => "remove it first, or choose another name",
             Self::Missing { .. } => "`workload detached list` says which there are",

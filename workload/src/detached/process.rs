@@ -12,7 +12,7 @@ use std::{
     time::Duration,
 };
 
-use record::call::word;
+use record::{call::word, layout};
 use rustix::{
     event::{PollFd, PollFlags},
     io::Errno,
@@ -33,6 +33,8 @@ pub enum Role {
     Supervisor,
     /// `workload detached lease`, of no environment.
     Leaseholder,
+    /// What a user's command started and its workload could not end, since it was killed.
+    Command,
 }
 
 /// A process that lived when it was found.
@@ -92,14 +94,26 @@ impl AsFd for Process {
     }
 }
 
-/// The processes of an environment that live now.
+/// The workload of an environment and its supervisor, if they live now.
 ///
 /// # Errors
 /// When `/proc` cannot be read, or the kernel has no pidfd.
 pub fn find(folder: &EnvironmentFolder) -> Result<Vec<Process>, DetachedError> {
+    find_by(|pid| role(&command_line(pid), folder))
+}
+
+/// What a command of an environment started and nobody ended.
+///
+/// # Errors
+/// When `/proc` cannot be read, or the kernel has no pidfd.
+pub fn find_commands(folder: &EnvironmentFolder) -> Result<Vec<Process>, DetachedError> {
+    find_by(|pid| is_of_command(pid, folder).then_some(Role::Command))
+}
+
+fn find_by(role: impl Fn(Pid) -> Option<Role>) -> Result<Vec<Process>, DetachedError> {
     let mut found = Vec::new();
     for pid in all().map_err(DetachedError::system("read /proc"))? {
-        found.extend(hold(pid, |line| role(line, folder))?);
+        found.extend(hold(pid, &role)?);
     }
     Ok(found)
 }
@@ -131,22 +145,22 @@ pub fn wait_until_found(child: &mut Child) -> Result<(), DetachedError> {
 /// When the kernel has no pidfd.
 pub fn leaseholder(pid: u32, lease: &Path) -> Result<Option<Process>, DetachedError> {
     match i32::try_from(pid).ok().and_then(Pid::from_raw) {
-        Some(pid) => hold(pid, |line| {
-            is_leaseholder(line, lease).then_some(Role::Leaseholder)
+        Some(pid) => hold(pid, |pid| {
+            is_leaseholder(&command_line(pid), lease).then_some(Role::Leaseholder)
         }),
         None => Ok(None),
     }
 }
 
-/// The process of that number, if its command line has a role.
-fn hold(pid: Pid, role: impl Fn(&[u8]) -> Option<Role>) -> Result<Option<Process>, DetachedError> {
-    let Some(role_now) = role(&command_line(pid)) else {
+/// The process of that number, if it has a role.
+fn hold(pid: Pid, role: impl Fn(Pid) -> Option<Role>) -> Result<Option<Process>, DetachedError> {
+    let Some(role_now) = role(pid) else {
         return Ok(None);
     };
     // Always closed on exec, which the kernel does by itself.
     match pidfd_open(pid, PidfdFlags::empty()) {
         // The number could have passed to another process since we looked; now it cannot any more.
-        Ok(pidfd) if role(&command_line(pid)) == Some(role_now) => Ok(Some(Process {
+        Ok(pidfd) if role(pid) == Some(role_now) => Ok(Some(Process {
             role: role_now,
             pid,
             pidfd,
@@ -190,6 +204,21 @@ fn role(command_line: &[u8], folder: &EnvironmentFolder) -> Option<Role> {
     } else {
         None
     }
+}
+
+/// Whether a process was started, at whatever remove, by a command of the environment. One of another user's is not looked into.
+fn is_of_command(pid: Pid, folder: &EnvironmentFolder) -> bool {
+    let variables = fs::read(format!("/proc/{}/environ", pid.as_raw_nonzero())).unwrap_or_default();
+    let work = folder.folders().work;
+    let wanted = [
+        layout::WORK_VARIABLE.as_bytes(),
+        b"=",
+        work.as_os_str().as_encoded_bytes(),
+    ]
+    .concat();
+    variables
+        .split(|byte| *byte == 0)
+        .any(|variable| variable == wanted)
 }
 
 fn is_leaseholder(command_line: &[u8], lease: &Path) -> bool {

@@ -16,10 +16,16 @@ use super::{
 pub fn remove(folder: &EnvironmentFolder, timeout: Duration) -> Result<Removed, DetachedError> {
     let mut removed = false;
     loop {
-        let living = process::find(folder)?;
+        let mut living = process::find(folder)?;
         for process in &living {
             end(process, timeout)?;
         }
+        // Whoever might have ended what a command started is gone.
+        let commands = process::find_commands(folder)?;
+        for process in &commands {
+            process.kill()?;
+        }
+        living.extend(commands);
         removed |= folder.remove()?;
         // Another `start` may have been between its steps: a supervisor may have started a workload, or made files.
         if living.is_empty() {
@@ -34,7 +40,7 @@ fn end(process: &Process, timeout: Duration) -> Result<(), DetachedError> {
             process.ask_to_end()?;
         }
         // A supervisor ends by itself when its workload has, and has written down how.
-        Role::Supervisor | Role::Leaseholder => {}
+        Role::Supervisor | Role::Leaseholder | Role::Command => {}
     }
     match process.wait(timeout)? {
         true => Ok(()),

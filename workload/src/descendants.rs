@@ -18,7 +18,7 @@ use nix::{
     unistd::{Pid, getpid},
 };
 
-use super::CommandError;
+use crate::command_error::CommandError;
 
 /// How long the kernel may take to end what was killed.
 const KILLED: Duration = Duration::from_secs(10);
