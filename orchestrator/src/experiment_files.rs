@@ -169,6 +169,9 @@ fn list(folder: &Path, named: &[String]) -> Result<Vec<PathBuf>, ExperimentFiles
         let Ok(metadata) = fs::symlink_metadata(&place) else {
             return Err(ExperimentFilesError::Missing { path: path.clone() });
         };
+        if let Some(path) = link_on_the_way(folder, path) {
+            return Err(ExperimentFilesError::Link { path });
+        }
         // A walk applies patterns to what is below its root.
         if left_out.matched(&place, metadata.is_dir()).is_ignore() {
             continue;
@@ -194,6 +197,17 @@ fn list(folder: &Path, named: &[String]) -> Result<Vec<PathBuf>, ExperimentFiles
         }
     }
     Ok(found.into_iter().collect())
+}
+
+/// A link among the folders that a path goes through: what is behind it may be anywhere.
+fn link_on_the_way(folder: &Path, path: &str) -> Option<PathBuf> {
+    let parts = Path::new(path).components();
+    let places = parts.scan(folder.to_owned(), |place, part| {
+        place.push(part);
+        Some(place.clone())
+    });
+    let mut places = places.filter(|place| place.is_symlink());
+    places.next()
 }
 
 #[cfg(test)]
@@ -248,6 +262,11 @@ mod tests {
                 .ends_with("sim/etc is a link")
         );
         assert!(listed(&folder, &["sim", "!sim/etc"]).is_ok());
+        assert!(
+            listed(&folder, &["sim/etc/passwd"])
+                .unwrap_err()
+                .ends_with("sim/etc is a link")
+        );
     }
 
     #[test]

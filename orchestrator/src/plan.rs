@@ -286,11 +286,19 @@ fn scenarios(
     let named = std::iter::zip(combinations, slugs).zip(settings).enumerate();
     named
         .map(|(index, ((combination, slug), settings))| {
+            let virtualization = combination.virtualization();
+            let is_simulated = file.catalogue.is_simulated(virtualization);
             let placement = place(combination, Need::of(&settings).as_ref(), offers);
             // Of two reasons the excluding one counts: it holds whatever the host can do.
             let (reason, fix) = match (&combination.excluded, placement.obstacle) {
                 (Some(reason), _) => (Some(reason.clone()), None),
                 (None, Some(obstacle)) => (Some(obstacle.reason), obstacle.fix),
+                (None, None) if settings.experiment.is_some() && is_simulated => (
+                    Some(format!(
+                        "`{virtualization}` makes up the ball on the plate, and no command's numbers"
+                    )),
+                    Some("take it off the axis `virtualization`".to_owned()),
+                ),
                 (None, None) => (None, None),
             };
             PlannedScenario {
@@ -305,7 +313,7 @@ fn scenarios(
                 reason,
                 fix,
                 not_selected: None,
-                simulated: file.catalogue.is_simulated(combination.virtualization()),
+                simulated: is_simulated,
                 settings,
             }
         })

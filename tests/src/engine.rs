@@ -43,8 +43,22 @@ pub fn on_the_engine(workplace: &Workplace) -> Vec<String> {
 /// When it cannot be made; the recipe has said why.
 #[must_use]
 pub fn mininet_image() -> String {
-    let recipe = Path::new(env!("CARGO_MANIFEST_DIR")).join("../dockerfiles/mininet/build");
-    let made = Command::new(recipe)
+    made_by("mininet", &[])
+}
+
+/// An image of Debian 12 with these packages, made if need be: its name.
+///
+/// # Panics
+/// When it cannot be made; the recipe has said why.
+#[must_use]
+pub fn debian_image(name: &str, packages: &[&str]) -> String {
+    made_by("debian", &[&[name], packages].concat())
+}
+
+fn made_by(recipe: &str, arguments: &[&str]) -> String {
+    let recipes = Path::new(env!("CARGO_MANIFEST_DIR")).join("../dockerfiles");
+    let made = Command::new(recipes.join(recipe).join("build"))
+        .args(arguments)
         .stdin(Stdio::null())
         .stderr(Stdio::inherit())
         .output()

@@ -5,6 +5,7 @@
 use std::collections::HashMap;
 
 use record::{
+    experiment::CommandExperiment,
     run_directory::{PlannedScenario, RecordedPlatform, fact},
     settings::Settings,
 };
@@ -105,6 +106,9 @@ impl Experiments {
 /// All that must be the same for a difference to be the platform's: the control task, the network between its nodes, and the
 /// program. How many windows there are, how they were captured and what was asked of the operating system is not of it.
 fn task(settings: &Settings) -> Value {
+    if let Some(experiment) = &settings.experiment {
+        return json!({ "experiment": experiment });
+    }
     json!({
         "period": settings.period,
         "rate": settings.rate,
@@ -122,6 +126,11 @@ pub(crate) fn experiment(planned: &PlannedScenario) -> Value {
     let mut experiment = task(&planned.settings);
     for axis in planned.axes.keys() {
         let pointer = format!("/{}", axis.replace('.', "/"));
+        let of_an_experiment = format!("/{}{pointer}", CommandExperiment::SECTION);
+        let pointer = match experiment.pointer(&of_an_experiment) {
+            Some(_) => of_an_experiment,
+            None => pointer,
+        };
         if let Some(swept) = experiment.pointer_mut(&pointer) {
             *swept = Value::Null;
         }

@@ -8,8 +8,8 @@ use record::{
     causes::with_causes,
     layout,
     run_directory::{
-        Kind, NotWhole, Place, ReadError, RunDirectory, RunRecords, ScenarioState, ensure_file_is_whole,
-        read_environment, read_window,
+        Kind, Manifest, NotWhole, Place, ReadError, RunDirectory, RunRecords, ScenarioState,
+        ensure_file_is_whole, read_environment, read_window,
     },
 };
 
@@ -44,6 +44,7 @@ pub fn verify(directory: &RunDirectory) -> Result<Verification, ReadError> {
     let mut looks = [directory.manifest(), directory.plan(), directory.journal()]
         .map(|place| Look::at(place, Ok(())))
         .to_vec();
+    looks.extend(experiment(directory, &records.manifest));
     let mut windows = Vec::new();
     for planned in &records.plan.scenarios {
         let known = records.state.scenario(&planned.slug);
@@ -72,6 +73,21 @@ pub fn verify(directory: &RunDirectory) -> Result<Verification, ReadError> {
     }
     found.damaged.sort();
     Ok(found)
+}
+
+/// The files of a user's experiment, of a run that has any. A redacted copy has none.
+fn experiment(directory: &RunDirectory, manifest: &Manifest) -> Option<Look> {
+    let sha256 = manifest
+        .experiment_sha256
+        .as_ref()
+        .filter(|_| !manifest.redacted)?;
+    let place = directory.experiment();
+    let found = match place.digest() {
+        Ok(found) if found.sha256 == *sha256 => Ok(()),
+        Ok(_) => Err("it is not as manifest.json has it".to_owned()),
+        Err(error) => Err(format!("it cannot be read: {error}")),
+    };
+    Some(Look::at(place, found))
 }
 
 /// What there is of the platforms of a scenario.

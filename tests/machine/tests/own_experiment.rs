@@ -69,7 +69,7 @@ fn succeeds(ran: &Ran) {
 #[test]
 fn each_metric_is_compared_in_its_own_unit() {
     let workplace = workplace();
-    workplace.write("m.yaml", matrix_file("good, other", ""));
+    workplace.write("m.yaml", matrix_file("good, other", "report: {family: [[a, b]]}\n"));
     let report = workplace.json(&["run", "m.yaml"]);
     assert_eq!(
         report["quantity"],
@@ -97,6 +97,13 @@ fn each_metric_is_compared_in_its_own_unit() {
         }])
     );
 
+    // What differs in a parameter is not the platform's alone.
+    assert_eq!(
+        report["unlike"][0]["fields"],
+        json!(["experiment.parameters.mode"])
+    );
+    assert_eq!(report["contrasts"].as_array().unwrap().len(), 1, "since it is named");
+
     let folder = workplace.run_directory();
     let other = fs::read_to_string(folder.join("report/metrics/step_time/report.json")).unwrap();
     let other: Value = serde_json::from_str(&other).unwrap();
@@ -106,7 +113,7 @@ fn each_metric_is_compared_in_its_own_unit() {
     );
     let told = workplace.run(&["report", folder.to_str().unwrap()]);
     for words in [
-        "Who has the same final_state",
+        "Which scenarios have the same final_state",
         "shift (mm)",
         "# Metric step_time",
         "shift (ms)",
@@ -131,6 +138,12 @@ fn each_metric_is_compared_in_its_own_unit() {
     let prepared: Vec<String> = prepared.map(|path| fs::read_to_string(path).unwrap()).collect();
     assert_eq!(prepared, ["ready\n"]);
     succeeds(&workplace.run(&["status", folder.to_str().unwrap(), "--verify"]));
+    let archive = folder.join("experiment.tar.lz4");
+    let files = fs::read(&archive).unwrap();
+    fs::write(&archive, b"others").unwrap();
+    let damaged = workplace.run(&["status", folder.to_str().unwrap(), "--verify"]);
+    assert_eq!(damaged.code, Some(2), "{damaged:?}");
+    fs::write(&archive, files).unwrap();
     succeeds(&workplace.run(&["redact", folder.to_str().unwrap(), "--output", "blind"]));
     let blind = fs::read_dir(workplace.path().join("blind"))
         .unwrap()

@@ -1,7 +1,7 @@
 //! `matrix drift`: whether what is measured night after night has changed.
 
 use std::{
-    collections::{BTreeMap, BTreeSet},
+    collections::BTreeSet,
     env, fs, io,
     path::{Path, PathBuf},
     time::{Duration, SystemTime},
@@ -92,9 +92,12 @@ pub fn execute(arguments: &DriftArguments) -> Result<Exit, CommandError> {
     let newest = nights.last();
     let settings = Settings {
         alpha: arguments.alpha,
-        equivalence_margins: match arguments.equivalence_margin {
-            Some(margin) => BTreeMap::from([(Metric::TrackingError, margin.metres())]),
-            None => newest.map(Night::margins).unwrap_or_default(),
+        equivalence_margins: {
+            let asked = arguments
+                .equivalence_margin
+                .map(|margin| (Metric::TrackingError, margin.metres()));
+            let declared = newest.map(Night::margins).unwrap_or_default();
+            declared.into_iter().chain(asked).collect()
         },
         acknowledgements: match (&arguments.acknowledged, &beside) {
             (Some(path), _) => known(path, matrix_file::text_within_limits(path))?,

@@ -221,7 +221,7 @@ pub struct GroupEntry<'a> {
 pub struct PartingEntry<'a> {
     /// The window.
     pub window: u32,
-    /// The byte, from 0; null behind the first MiB.
+    /// The byte, from 0; null after the first MiB.
     pub byte: Option<u64>,
     /// The line of that byte, from 1.
     pub line: u64,

@@ -8,10 +8,10 @@ use crate::analysis::{
 
 /// A table for each such metric.
 pub(crate) fn of(report: &Report) -> Vec<Table> {
-    report.agreements.iter().map(table).collect()
+    report.agreements.iter().enumerate().map(table).collect()
 }
 
-fn table(agreement: &Agreement) -> Table {
+fn table((number, agreement): (usize, &Agreement)) -> Table {
     let windows = agreement.windows.len();
     let row = |group: &Group| {
         vec![
@@ -40,13 +40,8 @@ fn table(agreement: &Agreement) -> Table {
         ));
     }
     Table {
-        id: format!(
-            "identical-{}",
-            metric
-                .to_lowercase()
-                .replace(|c: char| !c.is_ascii_alphanumeric(), "-")
-        ),
-        title: format!("Who has the same {metric}"),
+        id: format!("identical-{}", number + 1),
+        title: format!("Which scenarios have the same {metric}"),
         columns: texts(&[("scenarios", false), ("same", true), ("part", false)]),
         rows: agreement.groups.iter().map(row).collect(),
         notes,
@@ -63,6 +58,6 @@ fn parts(parting: &Parting) -> String {
     } = parting;
     match byte {
         Some(byte) => format!("window {window}, line {line}, byte {byte}: `{first}`, `{this}`"),
-        None => format!("window {window}, behind the first MiB"),
+        None => format!("window {window}, after the first MiB"),
     }
 }

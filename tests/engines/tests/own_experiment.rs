@@ -1,0 +1,172 @@
+//! An experiment of the user's own where it runs in other places than this machine's processes: containers and a host over SSH.
+//! `tests/machine` has what it does wherever it runs.
+
+#![allow(clippy::unwrap_used, clippy::panic)] // What tests may, but clippy knows only functions that are tests themselves.
+
+use std::{fs, path::Path, process::Command};
+
+use serde_json::Value;
+use tests::{
+    There, Workplace,
+    engine::{debian_image, on_the_engine},
+};
+
+/// Writes what it may do, where it may write, and a value.
+const SCRIPT: &str = r#"#!/bin/sh
+grep ^CapEff /proc/self/status >"$1/rights.txt"
+[ ! -e /dev/net/tun ] || echo tun >>"$1/rights.txt"
+touch /etc/here 2>/dev/null && echo root >>"$1/rights.txt"
+seq 1 20 >"$1/values.txt"
+"#;
+
+fn workplace(more: &str) -> Workplace {
+    let workplace = Workplace::measuring();
+    fs::create_dir(workplace.path().join("sim")).unwrap();
+    workplace.write("sim/look.sh", SCRIPT);
+    workplace.write(
+        "m.yaml",
+        format!(
+            "experiment:\n  name: look\n  files: [sim]\n  prepare: [test, -e, sim/look.sh]\n  run: [sh, sim/look.sh, \
+             \"{{window.folder}}\"]\n  metrics:\n  - {{name: value, from: values.txt}}\n  - {{name: rights, from: rights.txt, \
+             compare: identical}}\nworkload: {{windows: 2}}\n{more}"
+        ),
+    );
+    workplace
+}
+
+fn rights(workplace: &Workplace) -> String {
+    fs::read_to_string(workplace.scenario_directory().join("window-1/rights.txt")).unwrap()
+}
+
+#[test]
+fn a_command_in_a_container_has_no_rights_beyond_those_that_are_asked_for_and_nothing_is_left() {
+    let image = debian_image("matrix-python:debian-12", &["python3"]);
+    for (asked, rights_of_it) in [
+        ("", "CapEff:\t0000000000000000\n"),
+        (", capabilities: [SYS_NICE]", "CapEff:\t0000000000800000\n"),
+    ] {
+        let workplace = workplace(&format!(
+            "matrix: {{virtualization: [docker]}}\nproviders:\n  docker: {{image: \"{image}\"{asked}}}\n"
+        ));
+        let ran = workplace.run(&["run", "m.yaml"]);
+        assert_eq!(ran.code, Some(0), "{ran:?}");
+        assert_eq!(rights(&workplace), rights_of_it);
+        assert_eq!(on_the_engine(&workplace), Vec::<String>::new());
+    }
+}
+
+#[test]
+fn what_is_left_of_a_command_in_a_container_when_matrix_was_killed_is_found_and_removed() {
+    let image = debian_image("matrix-python:debian-12", &["python3"]);
+    let workplace = workplace(&format!(
+        "matrix: {{virtualization: [docker]}}\nproviders:\n  docker: {{image: \"{image}\"}}\n"
+    ));
+    workplace.write("sim/look.sh", format!("{SCRIPT}sleep 1000\n"));
+    let mut running = workplace.start(&["run", "m.yaml"]);
+    running.wait_for("measuring window 1");
+    running.kill();
+    // The container and both of its volumes.
+    assert_eq!(on_the_engine(&workplace).len(), 3);
+    let cleaned = workplace.run(&["clean"]);
+    assert_eq!(cleaned.code, Some(0), "{cleaned:?}");
+    assert_eq!(on_the_engine(&workplace), Vec::<String>::new());
+}
+
+#[test]
+fn a_command_that_needs_more_memory_than_its_container_has_is_errored() {
+    let image = debian_image("matrix-python:debian-12", &["python3"]);
+    let workplace = workplace(&format!(
+        "matrix: {{virtualization: [docker]}}\nproviders:\n  docker: {{image: \"{image}\", memory: 64MiB}}\n"
+    ));
+    workplace.write(
+        "sim/look.sh",
+        "exec python3 -c \"print(len(bytearray(1 << 28)))\"\n",
+    );
+    let ran = workplace.run(&["run", "m.yaml"]);
+    assert_eq!(ran.code, Some(3), "{ran:?}");
+    assert!(
+        ran.err.contains("the command of window 1 was killed by signal 9"),
+        "{ran:?}"
+    );
+    assert_eq!(on_the_engine(&workplace), Vec::<String>::new());
+}
+
+#[test]
+fn a_command_is_measured_on_a_host_over_ssh_and_nothing_is_left_there() {
+    let there = There::start();
+    let workplace = workplace(&format!(
+        "hosts:\n  here: {{hardware: one}}\n  there: {{hardware: two, os: linux, connect: {}}}\nmatrix:\n  virtualization: \
+         [native]\n",
+        there.connect()
+    ));
+    let report = workplace.json(&["run", "m.yaml"]);
+    for scenario in report["scenarios"].as_array().unwrap() {
+        assert_eq!(scenario["outcome"], "completed", "{scenario:#}");
+        assert!(
+            scenario["windows"]
+                .as_array()
+                .unwrap()
+                .iter()
+                .all(|it| it["counted"] == true)
+        );
+    }
+    // The same machine, whichever way it is reached.
+    let groups = report["agreements"][0]["groups"].as_array().unwrap();
+    assert_eq!(groups.len(), 1, "{report:#}");
+    assert_eq!(there.environments(), Vec::<String>::new());
+}
+
+/// The example in `examples/`, in a folder of its own, with its image.
+fn example(name: &str, image: &str, packages: &[&str]) -> Workplace {
+    let workplace = Workplace::measuring();
+    assert_eq!(debian_image(image, packages), image);
+    let examples = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../examples");
+    let copied = Command::new("cp")
+        .arg("-r")
+        .arg(examples.join(name).join("."))
+        .arg(workplace.path())
+        .status()
+        .unwrap();
+    assert!(copied.success());
+    workplace
+}
+
+#[test]
+fn the_same_pile_of_bodies_falls_in_the_same_way_natively_and_in_a_container() {
+    let workplace = example("falling-bodies", "matrix-python:debian-12", &["python3"]);
+    let fetched = Command::new("./get-wheels")
+        .current_dir(workplace.path())
+        .status()
+        .unwrap();
+    assert!(fetched.success());
+    let report = workplace.json(&["run", "matrix.yaml", "--profile", "quick"]);
+    let state = &report["agreements"][0];
+    assert_eq!(
+        (&state["metric"], state["windows"].as_array().unwrap().len()),
+        (&Value::from("final_state"), 2)
+    );
+    assert_eq!(state["groups"].as_array().unwrap().len(), 1, "{state:#}");
+    assert_eq!(report["quantity"]["unit"], "us");
+    assert_eq!(report["contrasts"].as_array().unwrap().len(), 1, "{report:#}");
+    // Other seeds make other piles: what is compared is no constant.
+    let scenario = workplace
+        .run_directory()
+        .join("scenarios/x86-64-debian-12-native");
+    let state = |window: u32| fs::read(scenario.join(format!("window-{window}/state.txt"))).unwrap();
+    assert_ne!(state(1), state(2));
+}
+
+#[test]
+fn how_late_threads_are_woken_is_measured_and_drift_can_be_judged() {
+    let workplace = example("wakeup-latency", "matrix-cc:debian-12", &["gcc", "libc6-dev"]);
+    for _ in 0..2 {
+        let report = workplace.json(&["run", "matrix.yaml", "--profile", "quick"]);
+        for scenario in report["scenarios"].as_array().unwrap() {
+            assert_eq!(scenario["outcome"], "completed", "{scenario:#}");
+            assert_eq!(scenario["windows"][0]["n"], 200, "{scenario:#}");
+        }
+    }
+    let drift = workplace.run(&["drift", "runs"]);
+    assert_eq!(drift.code, Some(6), "two nights are too few: {drift:?}");
+    assert!(drift.out.contains("native lateness"), "{drift:?}");
+}
