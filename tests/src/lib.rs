@@ -125,6 +125,26 @@ pub fn without_checksums(directory: &Path) {
     std::fs::write(journal, lines).expect("the journal can be written");
 }
 
+/// A copy of a worked example of `examples/`, to measure in.
+///
+/// # Panics
+/// When there is no such example.
+#[must_use]
+pub fn example(name: &str) -> Workplace {
+    let workplace = Workplace::measuring();
+    let example = Path::new(env!("CARGO_MANIFEST_DIR"))
+        .join("../examples")
+        .join(name);
+    for entry in std::fs::read_dir(example).expect("the example is there") {
+        let from = entry.expect("the folder can be read").path();
+        if from.is_file() {
+            let to = workplace.path().join(from.file_name().unwrap_or_default());
+            std::fs::copy(from, to).expect("the folder can be written");
+        }
+    }
+    workplace
+}
+
 /// What a command printed and how it ended.
 #[derive(Debug)]
 pub struct Ran {

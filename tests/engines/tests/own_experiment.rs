@@ -3,12 +3,13 @@
 
 #![allow(clippy::unwrap_used, clippy::panic)] // What tests may, but clippy knows only functions that are tests themselves.
 
-use std::{fs, path::Path, process::Command};
+use std::{fs, process::Command};
 
 use serde_json::Value;
 use tests::{
     There, Workplace,
     engine::{debian_image, on_the_engine},
+    example,
 };
 
 /// Writes what it may do, where it may write, and a value.
@@ -116,24 +117,10 @@ fn a_command_is_measured_on_a_host_over_ssh_and_nothing_is_left_there() {
     assert_eq!(there.environments(), Vec::<String>::new());
 }
 
-/// The example in `examples/`, in a folder of its own, with its image.
-fn example(name: &str, image: &str, packages: &[&str]) -> Workplace {
-    let workplace = Workplace::measuring();
-    assert_eq!(debian_image(image, packages), image);
-    let examples = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../examples");
-    let copied = Command::new("cp")
-        .arg("-r")
-        .arg(examples.join(name).join("."))
-        .arg(workplace.path())
-        .status()
-        .unwrap();
-    assert!(copied.success());
-    workplace
-}
-
 #[test]
 fn the_same_pile_of_bodies_falls_in_the_same_way_natively_and_in_a_container() {
-    let workplace = example("falling-bodies", "matrix-python:debian-12", &["python3"]);
+    assert!(!debian_image("matrix-python:debian-12", &["python3"]).is_empty());
+    let workplace = example("falling-bodies");
     let fetched = Command::new("./get-wheels")
         .current_dir(workplace.path())
         .status()
@@ -158,7 +145,8 @@ fn the_same_pile_of_bodies_falls_in_the_same_way_natively_and_in_a_container() {
 
 #[test]
 fn how_late_threads_are_woken_is_measured_and_drift_can_be_judged() {
-    let workplace = example("wakeup-latency", "matrix-cc:debian-12", &["gcc", "libc6-dev"]);
+    assert!(!debian_image("matrix-cc:debian-12", &["gcc", "libc6-dev"]).is_empty());
+    let workplace = example("wakeup-latency");
     for _ in 0..2 {
         let report = workplace.json(&["run", "matrix.yaml", "--profile", "quick"]);
         for scenario in report["scenarios"].as_array().unwrap() {

@@ -4,7 +4,7 @@
 use std::process::Command;
 
 use serde_json::Value;
-use tests::{WHOLE_WINDOWS_COUNT, Workplace};
+use tests::{WHOLE_WINDOWS_COUNT, Workplace, example};
 
 /// The box of `vagrant/box`, emulated: libvirt would take KVM otherwise, which not every machine has.
 const LIBVIRT: &str = "\
@@ -167,4 +167,26 @@ fn vagrant_accepts_what_it_is_given_for_both_providers() {
             .unwrap();
         assert!(validated.status.success(), "{provider}: {validated:?}");
     }
+}
+
+#[test]
+fn the_same_pile_of_bodies_falls_in_the_same_way_in_a_virtual_machine() {
+    let workplace = example("falling-bodies");
+    let fetched = Command::new("./get-wheels")
+        .current_dir(workplace.path())
+        .status()
+        .unwrap();
+    assert!(fetched.success());
+    let text = std::fs::read_to_string(workplace.path().join("matrix.yaml")).unwrap();
+    workplace.write(
+        "m.yaml",
+        text.replace("[native, docker, libvirt]", "[native, libvirt]")
+            .replace("windows: 8", "windows: 2"),
+    );
+    let report = workplace.json(&["run", "m.yaml", "--profile", "guest"]);
+    assert_eq!(scenario(&report, "libvirt")["outcome"], "completed", "{report:#}");
+    let state = &report["agreements"][0];
+    assert_eq!(state["windows"].as_array().unwrap().len(), 2, "{state:#}");
+    assert_eq!(state["groups"].as_array().unwrap().len(), 1, "{state:#}");
+    assert_eq!(in_libvirt(&workplace), Vec::<String>::new());
 }

@@ -69,7 +69,10 @@ fn succeeds(ran: &Ran) {
 #[test]
 fn each_metric_is_compared_in_its_own_unit() {
     let workplace = workplace();
-    workplace.write("m.yaml", matrix_file("good, other", "report: {family: [[a, b]]}\n"));
+    workplace.write(
+        "m.yaml",
+        matrix_file("good, other", "report: {family: [[a, b]]}\n"),
+    );
     let report = workplace.json(&["run", "m.yaml"]);
     assert_eq!(
         report["quantity"],
@@ -102,7 +105,11 @@ fn each_metric_is_compared_in_its_own_unit() {
         report["unlike"][0]["fields"],
         json!(["experiment.parameters.mode"])
     );
-    assert_eq!(report["contrasts"].as_array().unwrap().len(), 1, "since it is named");
+    assert_eq!(
+        report["contrasts"].as_array().unwrap().len(),
+        1,
+        "since it is named"
+    );
 
     let folder = workplace.run_directory();
     let other = fs::read_to_string(folder.join("report/metrics/step_time/report.json")).unwrap();
