@@ -56,7 +56,6 @@ impl Experiment for Command {
         reporter: &Reporter,
         stop: &Arc<AtomicBool>,
     ) -> Result<Ending, ExperimentError> {
-        let first = request.windows.first().copied().unwrap_or(1);
         let (Some(experiment), Some(work)) = (&request.settings.experiment, &request.work) else {
             return Err(CommandError::NoWork.into());
         };
@@ -72,10 +71,7 @@ impl Experiment for Command {
             stop,
             began_ns: monotonic_ns(),
         };
-        let ending = match runs.prepare(first)? {
-            Some(ending) => ending,
-            None => runs.all()?,
-        };
+        let ending = runs.with_hooks()?;
         let changes = platform.finish()?;
         if !changes.is_empty() {
             reporter.say(&Progress::PlatformChanged { changes });
@@ -153,26 +149,50 @@ impl Runs<'_> {
         }
     }
 
-    /// Runs the command that comes before the windows, if there is one. The ending if it was interrupted.
-    fn prepare(&self, first: u32) -> Result<Option<Ending>, ExperimentError> {
-        if self.experiment.prepare.is_empty() {
-            return Ok(None);
+    /// Runs a command that comes before or after the windows, if there is one. Whether it was interrupted.
+    fn hook(
+        &self,
+        hook: &'static str,
+        command: &[Argument],
+        stop: &AtomicBool,
+    ) -> Result<bool, ExperimentError> {
+        if command.is_empty() {
+            return Ok(false);
         }
         self.place.empty()?;
-        let call = self.call(&self.experiment.prepare, None);
+        let call = Call {
+            stop,
+            ..self.call(command, None)
+        };
         let ended = call.run(|_| self.reporter.say(&Progress::Preparing))?;
-        let folder = self.request.data.join(layout::PREPARE);
+        let folder = self.request.data.join(hook);
         fs::create_dir(&folder).map_err(write_error(&folder))?;
         keep_output(&folder, &ended)?;
         match ended.outcome {
-            Outcome::Exited(0) => Ok(None),
-            Outcome::Stopped => Ok(Some(Ending::Stopped { window: first })),
-            outcome => Err(CommandError::NotPrepared {
+            Outcome::Exited(0) => Ok(false),
+            Outcome::Stopped => Ok(true),
+            outcome => Err(CommandError::Hook {
+                hook,
                 how: outcome.in_words(call.timeout),
                 last_words: ended.last_words(LAST_WORDS),
             }
             .into()),
         }
+    }
+
+    /// The commands before and after the windows, and the windows between them.
+    fn with_hooks(&self) -> Result<Ending, ExperimentError> {
+        let window = self.request.windows.first().copied().unwrap_or(1);
+        let measured = match self.hook(layout::PREPARE, &self.experiment.prepare, self.stop) {
+            Ok(false) => self.all(),
+            Ok(true) => Ok(Ending::Stopped { window }),
+            Err(error) => Err(error),
+        };
+        // Whatever became of the windows, and of the wish to stop.
+        let restored = self.hook(layout::RESTORE, &self.experiment.restore, &AtomicBool::new(false));
+        let ending = measured?;
+        restored?;
+        Ok(ending)
     }
 
     fn all(&self) -> Result<Ending, ExperimentError> {
@@ -187,8 +207,15 @@ impl Runs<'_> {
             self.reporter.say(&Progress::WindowComplete {
                 window: number,
                 verdict,
-                reason,
+                reason: reason.clone(),
             });
+            if let Some(reason) = reason.filter(|_| self.experiment.fail_fast) {
+                return Err(CommandError::FailFast {
+                    window: number,
+                    reason,
+                }
+                .into());
+            }
         }
         Ok(Ending::Finished)
     }

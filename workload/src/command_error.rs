@@ -22,13 +22,23 @@ pub enum CommandError {
         /// What the system said.
         source: io::Error,
     },
-    /// The command before the windows failed.
-    #[error("the command `prepare` {how}{}", printed(.last_words))]
-    NotPrepared {
+    /// The command before or after the windows failed.
+    #[error("the command `{hook}` {how}{}", printed(.last_words))]
+    Hook {
+        /// Which, as the matrix file names it.
+        hook: &'static str,
         /// How it ended.
         how: String,
         /// What it printed last.
         last_words: String,
+    },
+    /// The matrix file has it so: nothing more is measured.
+    #[error("window {window} does not count, and `fail_fast` ends the scenario with it: {reason}")]
+    FailFast {
+        /// Which.
+        window: u32,
+        /// Why it does not count.
+        reason: String,
     },
     /// Something killed the command of a window.
     #[error("the command of window {window} was killed by signal {signal}{}", printed(.last_words))]
@@ -64,6 +74,12 @@ fn printed(last_words: &str) -> String {
 }
 
 impl CommandError {
+    /// Whether the platform is to blame, and not the experiment.
+    #[must_use]
+    pub const fn is_of_platform(&self) -> bool {
+        !matches!(self, Self::FailFast { .. })
+    }
+
     /// Of the system's, with its words to come.
     pub(crate) fn system<E: Into<io::Error>>(action: &'static str) -> impl FnOnce(E) -> Self {
         move |source| Self::System {
@@ -85,10 +101,9 @@ impl CommandError {
                 io::ErrorKind::PermissionDenied => "make the file executable (`chmod +x`)".to_owned(),
                 _ => return None,
             }),
-            Self::NotPrepared { .. } => Some(
-                "its whole output is in `prepare-*` files of the scenario's folder in the run directory"
-                    .to_owned(),
-            ),
+            Self::Hook { hook, .. } => Some(format!(
+                "its whole output is in `{hook}-*` files of the scenario's folder in the run directory"
+            )),
             Self::Killed { signal: 9, .. } => {
                 Some("see whether there was too little memory (`dmesg`, or the container's limit)".to_owned())
             }

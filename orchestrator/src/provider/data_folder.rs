@@ -6,6 +6,7 @@
 //! window-N/         control.csv  plant.csv  h1.pcap  sta1.pcap  sta2.pcap  window.json
 //!                   of a command: stdout.txt  stderr.txt  the files of its metrics  window.json
 //! prepare/          of a command: stdout.txt  stderr.txt
+//! restore/          the same
 //! ```
 //!
 //! Names and sizes from the other side are not trusted: what is not one of these is not brought, nothing but regular
@@ -62,7 +63,7 @@ impl Allowance {
         let longest = match (names.next()??, names.next(), names.next()) {
             (layout::ENVIRONMENT | layout::NETWORK, None, None) => WindowRecord::MOST_BYTES,
             (layout::PROGRESS, None, None) => LONGEST_PROGRESS,
-            (layout::PREPARE, Some(Some(layout::STDOUT | layout::STDERR)), None)
+            (layout::PREPARE | layout::RESTORE, Some(Some(layout::STDOUT | layout::STDERR)), None)
                 if self.of_a_command.is_some() =>
             {
                 WindowRecord::LONGEST_FILE

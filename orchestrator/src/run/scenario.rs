@@ -195,6 +195,18 @@ impl Run<'_> {
     /// # Errors
     /// Only when the journal cannot be written; everything else is an outcome.
     pub(super) async fn unit(&self, unit: Unit<'_>, lease: &mut Option<HostLease>) -> Result<(), RunError> {
+        let experiment = unit.planned.settings.experiment.as_ref();
+        let retries = experiment.map_or(0, |experiment| experiment.retries);
+        for _ in 0..=retries {
+            // What failed is a result, and is not tried until it succeeds.
+            if self.once(unit, lease).await? != Outcome::Errored || self.stop.is_requested() {
+                break;
+            }
+        }
+        Ok(())
+    }
+
+    async fn once(&self, unit: Unit<'_>, lease: &mut Option<HostLease>) -> Result<Outcome, RunError> {
         let Unit { planned, round } = unit;
         let wanted = self.wanted(unit);
         self.events.emit(Event::ScenarioStarted {
@@ -211,13 +223,14 @@ impl Run<'_> {
             },
             Err(trouble) => Ending::errored(&trouble),
         };
-        Ok(self.events.emit(Event::ScenarioFinished {
+        self.events.emit(Event::ScenarioFinished {
             scenario: planned.slug.clone(),
             outcome: ending.outcome,
             reason: ending.reason,
             hint: ending.hint,
             round: planned.round(round),
-        })?)
+        })?;
+        Ok(ending.outcome)
     }
 
     fn wanted(&self, unit: Unit<'_>) -> Vec<u32> {
@@ -655,7 +668,7 @@ impl Run<'_> {
     }
 
     /// Writes the scenario's `environment.json`: what the provider knows and what the workload saw from inside, and
-    /// puts the workload's `network.txt` and what a `prepare` command printed beside it. That of
+    /// puts the workload's `network.txt` and what the commands around the windows printed beside it. That of
     /// an earlier environment, whose windows may count, stays under its own name.
     fn keep_platform(
         &self,
@@ -689,11 +702,13 @@ impl Run<'_> {
                 .beside(layout::NETWORK)
                 .write(&network.read(LONGEST_TEXT)?)?;
         }
-        for name in [layout::STDOUT, layout::STDERR] {
-            let printed = folder.join(layout::PREPARE).join(name);
-            if printed.exists() {
-                let kept = place.beside(format!("{}-{}-{name}", layout::PREPARE, request.environment));
-                kept.write(&printed.read(LONGEST_TEXT)?)?;
+        for hook in [layout::PREPARE, layout::RESTORE] {
+            for name in [layout::STDOUT, layout::STDERR] {
+                let printed = folder.join(hook).join(name);
+                if printed.exists() {
+                    let kept = place.beside(format!("{hook}-{}-{name}", request.environment));
+                    kept.write(&printed.read(LONGEST_TEXT)?)?;
+                }
             }
         }
         let mut text = serde_json::to_vec_pretty(&record).map_err(io::Error::from)?;

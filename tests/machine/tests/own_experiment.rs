@@ -259,6 +259,55 @@ fn a_run_that_is_killed_goes_on_with_the_files_it_began_with() {
 }
 
 #[test]
+fn an_errored_scenario_is_tried_again_and_a_failed_one_is_not() {
+    let workplace = workplace();
+    let there = workplace.path().display().to_string();
+    // It is killed once, and then never again.
+    let killed_once = "[ $window != 2 ] || [ -e \"$offset/once\" ] || { touch \"$offset/once\"; kill -SEGV $$; }\necho error,step";
+    let script = SCRIPT.replace("echo error,step", killed_once);
+    workplace.write(
+        "sim/reach.sh",
+        script
+            .replace("$offset,", ",")
+            .replace("$value$offset\"", "$value\""),
+    );
+    let hooks = format!("  retries: 1\n  restore: [touch, {there}/restored]\n  parameters:");
+    let file = matrix_file("good", "").replace("offset: 0", &format!("offset: {there}"));
+    workplace.write("m.yaml", file.replace("  parameters:", &hooks));
+    let report = workplace.json(&["run", "m.yaml"]);
+    let good = scenario(&report, "good");
+    assert_eq!(good["outcome"], "completed", "{report:#}");
+    let counted = good["windows"]
+        .as_array()
+        .unwrap()
+        .iter()
+        .all(|it| it["counted"] == true);
+    assert!(counted, "{report:#}");
+    let environment = good["environment"]["environment"].as_str().unwrap();
+    assert!(
+        environment.ends_with("-2"),
+        "window 1 is of the first, the others of the second: {environment}"
+    );
+    assert!(workplace.path().join("restored").exists());
+
+    let failing = workplace.beside();
+    fs::create_dir(failing.path().join("sim")).unwrap();
+    failing.write("sim/reach.sh", SCRIPT);
+    failing.write(
+        "m.yaml",
+        matrix_file("fails", "").replace("  parameters:", "  retries: 5\n  fail_fast: true\n  parameters:"),
+    );
+    let ran = failing.run(&["run", "m.yaml"]);
+    assert_eq!(ran.code, Some(1), "{ran:?}");
+    assert!(
+        ran.err
+            .contains("failed: window 2 does not count, and `fail_fast` ends the scenario"),
+        "{ran:?}"
+    );
+    assert_eq!(ran.err.matches("environment is up").count(), 1, "{ran:?}");
+}
+
+#[test]
 fn a_metric_of_the_users_drifts_is_acknowledged_and_told_no_more() {
     let workplace = workplace();
     // The last digit is the offset: nights that differ a little, and one that is far away.

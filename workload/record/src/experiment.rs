@@ -14,7 +14,7 @@ pub use self::{
     metric::{Compare, Metric},
     values::{MOST_VALUES, ValueError, read_values},
 };
-use crate::{name::name, quantity::TimeSpan, settings::SettingsProblem};
+use crate::{layout, name::name, quantity::TimeSpan, settings::SettingsProblem};
 
 /// A command, what it needs, and what it measures.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
@@ -31,6 +31,16 @@ pub struct CommandExperiment {
     /// A command that is run once in each environment, before its windows: a program and its arguments, without a shell.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub prepare: Vec<Argument>,
+    /// A command that is run once in each environment, after its windows, whatever became of them.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub restore: Vec<Argument>,
+    /// How often `matrix` measures the missing windows of an errored scenario again, each time in a new environment. A window that was
+    /// measured is never measured again.
+    #[serde(default, skip_serializing_if = "is_zero")]
+    pub retries: u32,
+    /// Whether the first window that does not count ends its scenario, which then has failed.
+    #[serde(default, skip_serializing_if = "std::ops::Not::not")]
+    pub fail_fast: bool,
     /// The command that is run for each window: a program and its arguments, without a shell. Exit code 0 makes a window.
     pub run: Vec<Argument>,
     /// What a window is.
@@ -71,6 +81,8 @@ impl CommandExperiment {
     const LONGEST: usize = 48 << 10;
     /// A file that a metric is read from is no longer, in bytes.
     pub const LONGEST_FILE: u64 = 1 << 30;
+    /// More retries hide a machine that does not work.
+    const MOST_RETRIES: u32 = 10;
     /// More files, arguments, parameters or metrics no experiment has.
     pub const MOST: usize = 100;
 
@@ -112,6 +124,11 @@ impl CommandExperiment {
                 found.push(problem(format!("parameters.{name}"), (message, hint)));
             }
         }
+        if self.retries > Self::MOST_RETRIES {
+            let message = format!("{} retries are more than {}", self.retries, Self::MOST_RETRIES);
+            let hint = "find out why environments break: `matrix status RUN` lists what broke";
+            found.push(problem("retries".to_owned(), (message, hint)));
+        }
         if self.window.timeout.duration().is_zero() {
             let message = "a command cannot end in no time".to_owned();
             let hint = "write a longer time, such as `10min`";
@@ -141,7 +158,8 @@ impl CommandExperiment {
         }
         let counts = [
             ("files", self.files.len()),
-            ("prepare", self.prepare.len()),
+            (layout::PREPARE, self.prepare.len()),
+            (layout::RESTORE, self.restore.len()),
             ("run", self.run.len()),
             ("parameters", self.parameters.len()),
             ("metrics", self.metrics.len()),
@@ -168,11 +186,16 @@ impl CommandExperiment {
     /// Placeholders without a value.
     fn problems_of_commands(&self) -> Vec<SettingsProblem> {
         let mut found = Vec::new();
-        for (name, command) in [("prepare", &self.prepare), ("run", &self.run)] {
+        let commands = [
+            (layout::PREPARE, &self.prepare),
+            (layout::RESTORE, &self.restore),
+            ("run", &self.run),
+        ];
+        for (name, command) in commands {
             for (at, argument) in command.iter().enumerate() {
                 let refused = argument
                     .placeholders()
-                    .filter_map(|placeholder| self.refusal(name == "prepare", placeholder));
+                    .filter_map(|placeholder| self.refusal(name, placeholder));
                 found.extend(refused.map(|(message, hint)| SettingsProblem {
                     path: format!("{PREFIX}.{name}.{at}").into(),
                     message,
@@ -190,7 +213,7 @@ impl CommandExperiment {
     }
 
     /// Why a placeholder has no value, and what to write.
-    fn refusal(&self, is_before_windows: bool, placeholder: &Placeholder) -> Option<(String, String)> {
+    fn refusal(&self, command: &str, placeholder: &Placeholder) -> Option<(String, String)> {
         match placeholder {
             Placeholder::Parameter(name) if !self.parameters.contains_key(name) => {
                 let known: Vec<&str> = self.parameters.keys().map(String::as_str).collect();
@@ -204,13 +227,18 @@ impl CommandExperiment {
                 Some((format!("there is no parameter `{name}`"), hint))
             }
             Placeholder::Parameter(_) => None,
-            of_window if is_before_windows => Some((
-                format!("`{of_window}` has no value before the windows"),
+            of_window if command != "run" => Some((
+                format!("`{of_window}` has no value in `{command}`, which runs once for all windows"),
                 "write it in `run`, or leave it out".to_owned(),
             )),
             _ => None,
         }
     }
+}
+
+#[expect(clippy::trivially_copy_pass_by_ref, reason = "serde passes a reference")]
+const fn is_zero(retries: &u32) -> bool {
+    *retries == 0
 }
 
 /// The seed of a window, for `{window.seed}`: from 0 to 2³¹ − 1, the same for windows of the same number in every scenario, so that
@@ -288,7 +316,7 @@ mod tests {
     )]
     #[case::before_the_windows(
         |it: &mut Value| it["prepare"] = json!(["a", "{window.seed}"]),
-        "experiment.prepare.1", "`{window.seed}` has no value before the windows"
+        "experiment.prepare.1", "`{window.seed}` has no value in `prepare`, which runs once for all windows"
     )]
     #[case::twice(
         |it: &mut Value| it["metrics"][1]["name"] = json!("reach_error"),

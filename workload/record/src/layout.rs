@@ -20,6 +20,8 @@ pub const STDERR: &str = "stderr.txt";
 pub const OF_A_COMMAND: [&str; 3] = [WINDOW, STDOUT, STDERR];
 /// What the command before the windows printed, a folder.
 pub const PREPARE: &str = "prepare";
+/// What the command after the windows printed, a folder.
+pub const RESTORE: &str = "restore";
 /// Where an environment has an experiment's files, below its folder for the command's work.
 pub const FILES: &str = "files";
 /// Where a command writes, below the same.

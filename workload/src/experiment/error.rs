@@ -119,11 +119,11 @@ impl ExperimentError {
             Self::Limits(_)
             | Self::Network(_)
             | Self::Capture(_)
-            | Self::Command(_)
             | Self::MasterPort { .. }
             | Self::Thread { .. }
             | Self::Process { .. }
             | Self::Write { .. } => true,
+            Self::Command(error) => error.is_of_platform(),
             Self::Ros(error) => matches!(
                 error,
                 RosError::System { .. } | RosError::NoRosmaster { .. } | RosError::RosmasterEnded { .. }

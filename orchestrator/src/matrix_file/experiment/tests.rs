@@ -62,6 +62,10 @@ fn with(field: &str) -> String {
 #[case::a_margin_below_nothing(&with("metrics:\n  - {name: error, from: errors.csv, equivalence_margin: -1}"))]
 #[case::a_margin_with_a_unit(&with("metrics:\n  - {name: error, from: errors.csv, equivalence_margin: 1mm}"))]
 #[case::a_metric_that_is_a_name(&with("metrics: [error]"))]
+#[case::too_many_retries(&with("retries: 11"))]
+#[case::retries_that_are_a_word(&with("retries: once"))]
+#[case::a_windows_folder_after_the_windows(&with("restore: [rm, \"{window.folder}\"]"))]
+#[case::fail_fast_that_is_a_number(&with("fail_fast: 1"))]
 #[case::no_metrics_at_all("matrix: {}\nexperiment:\n  name: reach\n  run: [\"true\"]\n")]
 #[case::no_name_at_all(
     "matrix: {}\nexperiment:\n  run: [\"true\"]\n  metrics:\n  - {name: error, from: errors.csv}\n"
