@@ -2,7 +2,7 @@
 
 use std::sync::Arc;
 
-use record::experiment::CommandExperiment;
+use record::{experiment::CommandExperiment, report_settings::ReportSettings};
 
 use super::{
     EXPERIMENT, REPORT, WORKLOAD,
@@ -17,14 +17,6 @@ use super::{
 
 /// The settings of the workload that every experiment has.
 const SHARED: [&str; 3] = ["windows", "environments", "validity"];
-/// The settings of the report that are of the ball on the plate alone.
-const OF_ITS_REPORT: [&str; 5] = [
-    "metric",
-    "error",
-    "discard_periods",
-    "warm_up",
-    "equivalence_margin",
-];
 
 /// Finds what is wrong with the section and what it rules out.
 pub fn read(source: &Arc<Source>, tree: &Node, axes: &Axes, found: &mut Diagnostics) {
@@ -80,7 +72,7 @@ pub fn read(source: &Arc<Source>, tree: &Node, axes: &Axes, found: &mut Diagnost
     let report = tree.entry(REPORT).map(|entry| entry.value.entries());
     for entry in report.unwrap_or_default() {
         let key = entry.key.value.as_str();
-        if OF_ITS_REPORT.contains(&key) || key == "matters" {
+        if ReportSettings::OF_THE_BALL.contains(&key) || key == "matters" {
             let message =
                 format!("`report.{key}` is of the ball on the plate, which this file does not measure");
             let help = match key {

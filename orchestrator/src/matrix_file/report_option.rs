@@ -51,6 +51,18 @@ impl ReportOption {
         Self { name, key, check }
     }
 
+    /// As it is typed.
+    #[must_use]
+    pub const fn name(&self) -> &'static str {
+        self.name
+    }
+
+    /// Whether it says nothing of a user's command.
+    #[must_use]
+    pub fn is_of_the_ball(&self) -> bool {
+        ReportSettings::OF_THE_BALL.contains(&self.key)
+    }
+
     /// The settings with this one replaced by what a person wrote, and what is odd about it and yet no error. `scenarios` are
     /// those that it can name.
     ///

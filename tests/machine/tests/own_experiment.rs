@@ -131,6 +131,13 @@ fn each_metric_is_compared_in_its_own_unit() {
         assert!(!told.out.contains(words), "{words}: {told:?}");
     }
 
+    let of_the_ball = workplace.run(&["report", folder.to_str().unwrap(), "--metric", "mean-abs-x"]);
+    assert_eq!(of_the_ball.code, Some(2), "{of_the_ball:?}");
+    assert!(
+        of_the_ball.err.contains("`--metric` is of the ball on the plate"),
+        "{of_the_ball:?}"
+    );
+
     // All of it stays verifiable, and what a command printed does not leave the house.
     let slug = scenario(&report, "good")["slug"].as_str().unwrap();
     let window = folder.join("scenarios").join(slug).join("window-1");

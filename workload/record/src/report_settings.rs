@@ -61,6 +61,15 @@ impl ReportSettings {
     /// The settings that had another name in earlier versions: that name, which `alias` reads too, and the setting's own.
     pub const RENAMED: [(&str, &str); 2] = [("control", "baseline"), ("matters", "equivalence_margin")];
 
+    /// The settings that are of the ball on the plate alone.
+    pub const OF_THE_BALL: [&str; 5] = [
+        "metric",
+        "error",
+        "discard_periods",
+        "warm_up",
+        "equivalence_margin",
+    ];
+
     /// Looks whether statistics can be computed with them: of a matrix file as of a run directory.
     ///
     /// # Errors

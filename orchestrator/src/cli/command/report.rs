@@ -113,7 +113,22 @@ impl ReportArguments {
         let mut wrong = Diagnostics::new();
         let given = options.into_iter();
         let given = given.filter_map(|(option, text)| Some((option, text.as_deref()?)));
+        let mut experiments = run
+            .scenarios
+            .iter()
+            .filter_map(|it| it.planned.settings.experiment.as_ref());
+        let experiment = experiments.next();
         for (option, text) in given {
+            if let Some(experiment) = experiment.filter(|_| option.is_of_the_ball()) {
+                return Err(self::wrong(
+                    format!(
+                        "`{}` is of the ball on the plate, and this run measured {}",
+                        option.name(),
+                        experiment.name
+                    ),
+                    "leave it out",
+                ));
+            }
             match option.apply(text, &settings, &scenarios) {
                 Ok((with_it, odd)) => {
                     settings = with_it;
