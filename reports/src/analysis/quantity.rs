@@ -88,6 +88,18 @@ impl Quantity {
         }
     }
 
+    /// Whether an experiment has exactly this metric.
+    #[must_use]
+    pub fn is_of(&self, settings: &Settings) -> bool {
+        let Some(experiment) = &settings.experiment else {
+            return self.is_tracking_error;
+        };
+        let same = |metric: &Metric| {
+            metric.name == self.name && metric.unit == self.unit && metric.compare == self.compare
+        };
+        !self.is_tracking_error && experiment.metrics.iter().any(same)
+    }
+
     /// Those of some scenarios' settings, each once, in the order of the first that has them; never none.
     #[must_use]
     pub fn all<'a>(scenarios: impl IntoIterator<Item = &'a Settings>, report: &ReportSettings) -> Vec<Self> {

@@ -35,7 +35,11 @@ pub fn samples(run: &Run, settings: &ReportSettings, quantity: &Quantity) -> Vec
         .iter()
         .flat_map(|scenario| scenario.counted().map(move |counted| (scenario, counted)))
         .map(|(scenario, (window, record, data))| {
-            let (left_out, values) = values(record, data, settings, quantity);
+            // Of runs that were put together one may have another unit under the same name.
+            let (left_out, values) = match quantity.is_of(&scenario.planned.settings) {
+                true => values(record, data, settings, quantity),
+                false => (0, Vec::new()),
+            };
             Sample {
                 scenario: scenario.planned.id.clone(),
                 window,

@@ -216,7 +216,7 @@ pub(super) fn scenario_report(
         windows: scenario
             .windows
             .iter()
-            .map(|window| window_report(window, n(window.number), quantity.compare))
+            .map(|window| window_report(window, n(window.number), quantity))
             .collect(),
         broken: scenario.broken.clone(),
         environment: scenario.environment.clone(),
@@ -256,7 +256,7 @@ fn standing(ending: &Ending) -> (Standing, Option<String>, Option<String>) {
     }
 }
 
-fn window_report(window: &Window, n: usize, compare: Compare) -> WindowReport {
+fn window_report(window: &Window, n: usize, quantity: &Quantity) -> WindowReport {
     let (verdict, mut reasons) = match &window.state {
         WindowState::Counted { record, .. } | WindowState::Invalid { record } => {
             (record.verdict.name(), record.reasons.clone())
@@ -266,9 +266,12 @@ fn window_report(window: &Window, n: usize, compare: Compare) -> WindowReport {
     };
     let is_measured = matches!(window.state, WindowState::Counted { .. });
     // A metric that is compared byte for byte has no values.
-    let is_left_out = compare == Compare::Ks && n == 0;
+    let is_left_out = quantity.compare == Compare::Ks && n == 0;
     if is_measured && is_left_out {
-        reasons.push("all its periods are left out".to_owned());
+        reasons.push(match quantity.is_tracking_error {
+            true => "all its periods are left out".to_owned(),
+            false => format!("it has no value of {}", quantity.with_file_unit(&quantity.name)),
+        });
     }
     WindowReport {
         number: window.number,
