@@ -30,7 +30,7 @@ use rustix::fs::{Mode, OFlags};
 use self::call::{Call, Ended, Outcome};
 pub use crate::command_error::CommandError;
 use crate::{
-    descendants::become_subreaper,
+    descendants::Descendants,
     experiment::{
         Ending, Experiment, ExperimentError, KnownPlatform, Reporter, Request, snapshot::Snapshot,
         window_folder::WindowFolder,
@@ -60,7 +60,7 @@ impl Experiment for Command {
             return Err(CommandError::NoWork.into());
         };
         // Before any program of the user's is started.
-        become_subreaper()?;
+        let descendants = Descendants::begin()?;
         let platform = KnownPlatform::look(&request.data, RealtimeGrant::default(), Arc::new(|| None))?;
         let place = Place::make(work)?;
         let runs = Runs {
@@ -68,6 +68,7 @@ impl Experiment for Command {
             experiment,
             place: &place,
             reporter,
+            descendants: &descendants,
             stop,
             began_ns: monotonic_ns(),
         };
@@ -129,6 +130,7 @@ struct Runs<'a> {
     experiment: &'a CommandExperiment,
     place: &'a Place,
     reporter: &'a Reporter,
+    descendants: &'a Descendants,
     stop: &'a AtomicBool,
     began_ns: i64,
 }
@@ -145,6 +147,7 @@ impl Runs<'_> {
             folder: &self.place.files,
             work: &self.place.work,
             timeout: self.experiment.window.timeout.duration(),
+            descendants: self.descendants,
             stop: self.stop,
         }
     }

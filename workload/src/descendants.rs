@@ -1,4 +1,4 @@
-//! Whatever a command started and left behind. The main function is [`end_all`].
+//! Whatever a command started and left behind. The main type is [`Descendants`].
 //!
 //! This process is the subreaper of its descendants (prctl(2)): one whose parent has ended becomes its child, whichever session,
 //! group or terminal it chose. So all that a command started is found below this process, and nothing else is.
@@ -24,28 +24,43 @@ use crate::command_error::CommandError;
 const KILLED: Duration = Duration::from_secs(10);
 const LOOK: Duration = Duration::from_millis(2);
 
-/// From now on descendants without a parent are children of this process.
-///
-/// # Errors
-/// When the kernel refuses.
-pub fn become_subreaper() -> Result<(), CommandError> {
-    prctl::set_child_subreaper(true).map_err(CommandError::system(
-        "become the parent of what the command starts",
-    ))
+/// The descendants of this process that it has from now on.
+#[derive(Debug)]
+pub struct Descendants {
+    /// Those that it had before, such as the daemons that a container's entry point started, with all that they start.
+    earlier: BTreeSet<Pid>,
 }
 
-/// Ends every descendant of this process, and waits for them. How many there were.
-///
+impl Descendants {
+    /// From now on descendants without a parent are children of this process.
+    ///
+    /// # Errors
+    /// When the kernel refuses.
+    pub fn begin() -> Result<Self, CommandError> {
+        prctl::set_child_subreaper(true).map_err(CommandError::system(
+            "become the parent of what the command starts",
+        ))?;
+        Ok(Self {
+            earlier: descendants(getpid(), &BTreeSet::new()),
+        })
+    }
+
+    /// Ends each of them, and waits for them. How many there were.
+    ///
+    /// # Errors
+    /// When some do not end.
+    pub fn end_all(&self) -> Result<u64, CommandError> {
+        end_all_but(&self.earlier)
+    }
+}
+
 /// They are stopped first, so that none can start another while the others are ended.
-///
-/// # Errors
-/// When some do not end.
-pub fn end_all() -> Result<u64, CommandError> {
+fn end_all_but(earlier: &BTreeSet<Pid>) -> Result<u64, CommandError> {
     let begun = Instant::now();
     let mut ended = BTreeSet::new();
     let mut stopped = BTreeSet::new();
     loop {
-        let found = descendants(getpid());
+        let found = descendants(getpid(), earlier);
         if found.is_empty() {
             return Ok(ended.len() as u64);
         }
@@ -70,8 +85,8 @@ pub fn end_all() -> Result<u64, CommandError> {
     }
 }
 
-/// Every process below that one, zombies too.
-fn descendants(of: Pid) -> BTreeSet<Pid> {
+/// Every process below that one, zombies too, but for those and all below them.
+fn descendants(of: Pid, but_for: &BTreeSet<Pid>) -> BTreeSet<Pid> {
     let mut children: BTreeMap<Pid, Vec<Pid>> = BTreeMap::new();
     for (pid, parent) in processes() {
         children.entry(parent).or_default().push(pid);
@@ -80,7 +95,7 @@ fn descendants(of: Pid) -> BTreeSet<Pid> {
     let mut to_look_at = vec![of];
     while let Some(pid) = to_look_at.pop() {
         for child in children.get(&pid).into_iter().flatten() {
-            if found.insert(*child) {
+            if !but_for.contains(child) && found.insert(*child) {
                 to_look_at.push(*child);
             }
         }

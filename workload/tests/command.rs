@@ -7,6 +7,7 @@
 use std::{
     fs,
     path::PathBuf,
+    process::Command,
     sync::{
         Arc, Mutex, MutexGuard, PoisonError,
         atomic::{AtomicBool, Ordering},
@@ -239,6 +240,19 @@ fn processes_that_start_others_without_end_leave_nothing() {
     );
     let record = place.only();
     assert!(command(&record).left_behind >= 8, "{record:?}");
+}
+
+#[test]
+fn what_was_there_before_the_command_stays() {
+    let place = Place::new("printf 'x\\n1\\n' >$1/m.csv");
+    let mut daemon = Command::new("sleep").arg("1000").spawn().unwrap();
+    place.only();
+    assert!(
+        daemon.try_wait().unwrap().is_none(),
+        "an entry point's daemon goes on"
+    );
+    daemon.kill().unwrap();
+    daemon.wait().unwrap();
 }
 
 #[test]

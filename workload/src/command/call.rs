@@ -31,7 +31,7 @@ use rustix::{
 use record::layout;
 
 use super::{CommandError, output::Kept};
-use crate::{child_process, descendants::end_all, experiment::ExperimentError};
+use crate::{child_process, descendants::Descendants, experiment::ExperimentError};
 
 /// How often the workload looks whether it is to stop and whether the disk is full. The command's end is noticed at once.
 const LOOK: Duration = Duration::from_secs(1);
@@ -56,6 +56,8 @@ pub struct Call<'a> {
     pub work: &'a Path,
     /// For how long at most.
     pub timeout: Duration,
+    /// Those of this process, of which the command's are.
+    pub descendants: &'a Descendants,
     /// Ends it once it is set.
     pub stop: &'a AtomicBool,
 }
@@ -183,7 +185,7 @@ impl Call<'_> {
             }
         }
         let (status, usage) = wait4(pid).map_err(CommandError::system("wait for the command"))?;
-        let left_behind = end_all()?;
+        let left_behind = self.descendants.end_all()?;
         let (stdout, stderr) = (kept(&streams.0), kept(&streams.1));
         let by_itself = match (status.code(), status.signal()) {
             (Some(code), _) => Outcome::Exited(code),

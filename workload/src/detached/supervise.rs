@@ -16,7 +16,7 @@ use record::{
 };
 
 use super::{DetachedError, EnvironmentFolder, process, stream};
-use crate::descendants::{become_subreaper, end_all};
+use crate::descendants::Descendants;
 
 /// `start` bounds what it hands over.
 const MOST: u64 = 1 << 20;
@@ -34,10 +34,8 @@ pub fn supervise(folder: &EnvironmentFolder) -> Result<(), DetachedError> {
     let lines = create(&folder.lines())?;
     let errors = create(&folder.errors())?;
     // What a user's command started is ended even if its workload is killed.
-    let of_a_command = settings.experiment.is_some();
-    if of_a_command {
-        become_subreaper().map_err(DetachedError::Command)?;
-    }
+    let descendants = settings.experiment.as_ref().map(|_| Descendants::begin());
+    let descendants = descendants.transpose().map_err(DetachedError::Command)?;
     let mut workload = env::current_exe()
         .and_then(|program| {
             Command::new(program)
@@ -54,8 +52,8 @@ pub fn supervise(folder: &EnvironmentFolder) -> Result<(), DetachedError> {
     let status = workload
         .wait()
         .map_err(DetachedError::system("wait for the workload"))?;
-    if of_a_command {
-        end_all().map_err(DetachedError::Command)?;
+    if let Some(descendants) = descendants {
+        descendants.end_all().map_err(DetachedError::Command)?;
     }
     folder.write_ended(ended(status))
 }
