@@ -27,7 +27,7 @@ fn the_example_finds_the_reports_own_numbers_and_draws_its_figure_again() {
          hosts: {desk: {connect: local, hardware: x86_64, os: debian-12}}\n\
          workload: {windows: 4, window: 30s, period: 1s}\n\
          report: {baseline: {kernel: stable}}\n\
-         providers: {fake: {scenarios: {x86-64-debian-12-kernel-preempt-rt-fake: {shift: 0.02}}}}\n",
+         providers: {fake: {scenarios: {x86-64-debian-12-kernel-preempt-rt-fake: {shift_m: 0.02}}}}\n",
     );
     assert_eq!(workplace.run(&["run", "m.yaml", "--quiet"]).code, Some(0));
     let run = workplace.run_directory();

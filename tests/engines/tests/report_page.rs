@@ -30,7 +30,7 @@ report: {baseline: {kernel: stable}, equivalence_margin: 2mm}
 providers:
   fake:
     scenarios:
-      x86-64-debian-12-kernel-preempt-rt-fake: {shift: 0.02}
+      x86-64-debian-12-kernel-preempt-rt-fake: {shift_m: 0.02}
       x86-64-debian-12-kernel-rescue-fake: {fail: {at: create}}
 ";
 
