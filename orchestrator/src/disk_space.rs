@@ -31,7 +31,8 @@ pub fn windows_take_at_most(settings: &Settings, windows: usize) -> u64 {
     const TIMES: u64 = 20;
     const BESIDE_WINDOWS: u64 = 1 << 30;
     let measured = settings.experiment.as_ref().map_or(0, |experiment| {
-        let files = experiment.measured_files().len().saturating_mul(windows) as u64;
+        let ours = experiment.files_of_matrix(&settings.network.topology()).len();
+        let files = (experiment.measured_files().len() + ours).saturating_mul(windows) as u64;
         files.saturating_mul(CommandExperiment::LONGEST_FILE)
     });
     windows_take(settings, windows)

@@ -83,7 +83,7 @@ pub async fn of_hosts(path: &Path, catalogue: Catalogue) -> Result<Vec<Examinati
 async fn ask(host: &Arc<dyn Host>, providers: &Providers) -> Examination {
     let name = host.name().to_owned();
     let mut facts = survey::identity(Arc::clone(host)).await;
-    let defaults = Need::of_the_ball(&Settings::default());
+    let defaults = Need::of_the_network(&Settings::default());
     let checks = AgentClient::new(Arc::clone(host)).check(&defaults).await;
     if facts.obstacle.is_none() {
         let everything = providers

@@ -20,6 +20,7 @@ use pcap_file::{
     pcap::{PcapHeader, PcapPacket, PcapWriter},
 };
 use record::{
+    topology::address_in_the_ball,
     virtual_host::VirtualHost,
     window::{CaptureRecord, FileRecord},
 };
@@ -109,7 +110,7 @@ fn write_captures(synthetic: &Synthetic, folder: &Path) -> Vec<PathBuf> {
             }
         }
     }
-    let hosts = [VirtualHost::Sta1, VirtualHost::Sta2];
+    let hosts = [VirtualHost::STA1, VirtualHost::STA2];
     let mut paths = Vec::new();
     let mut records = Vec::new();
     for (host, mut packets) in hosts.into_iter().zip(seen) {
@@ -144,21 +145,21 @@ fn write_captures(synthetic: &Synthetic, folder: &Path) -> Vec<PathBuf> {
 /// A message of the experiment's size, as Linux sends it.
 fn frame(from: usize, step: u64, at_ns: u64, number: u16) -> Vec<u8> {
     const PAYLOAD: usize = 211;
-    let hosts = [VirtualHost::Sta1, VirtualHost::Sta2];
+    let hosts = [VirtualHost::STA1, VirtualHost::STA2];
     let (sender, receiver) = (hosts[from], hosts[1 - from]);
     let mut ip = etherparse::Ipv4Header::new(
         0,
         64,
         etherparse::IpNumber::TCP,
-        sender.address().octets(),
-        receiver.address().octets(),
+        address_in_the_ball(sender).octets(),
+        address_in_the_ball(receiver).octets(),
     )
     .unwrap();
     ip.identification = number;
     let acknowledged = step.saturating_sub(1) * PAYLOAD as u64;
     let options = [TcpOptionElement::Timestamp((at_ns / 1_000_000) as u32, 0)];
     let mut bytes = Vec::new();
-    PacketBuilder::ethernet2(sender.mac(), receiver.mac())
+    PacketBuilder::ethernet2([0, 0, 0, 0, 0, 1], [0, 0, 0, 0, 0, 2])
         .ip(etherparse::IpHeaders::Ipv4(
             ip,
             etherparse::Ipv4Extensions::default(),

@@ -378,7 +378,7 @@ impl Found {
 
     fn add(&mut self, kind: &'static str, name: &str) {
         let name = name.trim().to_ascii_lowercase();
-        let is_virtual = VirtualHost::ALL.iter().any(|host| host.name() == name);
+        let is_virtual = VirtualHost::OF_THE_BALL.iter().any(|host| host.name() == name);
         let says_something = !name.is_empty() && !is_virtual && !ANYBODYS.contains(&name.as_str());
         let is_new = self.names.values().all(|names| !names.contains(&name));
         if says_something && is_new {
@@ -419,7 +419,7 @@ impl Kind {
     fn of(file: &Place) -> Option<Self> {
         match file.name() {
             layout::WINDOW => Some(Self::Document),
-            layout::STDOUT | layout::STDERR => Some(Self::LeftOut),
+            name if layout::is_printed(name) => Some(Self::LeftOut),
             name if name.starts_with("environment") && name.ends_with(".json") => Some(Self::Document),
             name if name.starts_with("network") && name.ends_with(".txt") => Some(Self::Text),
             _ => None,
@@ -650,7 +650,7 @@ fn copy_document(
     if let Some(Value::Array(files)) = document.get_mut("files") {
         files.retain(|file| {
             let name = file.get("name").and_then(Value::as_str).unwrap_or_default();
-            ![layout::STDOUT, layout::STDERR].contains(&name)
+            !layout::is_printed(name)
         });
     }
     sums.write_document(from, to, &document)

@@ -16,6 +16,7 @@ use std::{
 use record::{
     quantity::{BitRate, Fraction, TimeSpan},
     settings::NetworkSettings,
+    topology::address_in_the_ball,
     virtual_host::VirtualHost,
 };
 use workload::network::{self, Network};
@@ -82,8 +83,8 @@ fn flood(settings: &NetworkSettings, payload: usize) -> Flood {
     let network = network::open(settings, 85).expect("the network can be had");
     network.impair().expect("the links can be impaired");
     let (sender, receiver) = (
-        udp(&*network, VirtualHost::Sta1),
-        udp(&*network, VirtualHost::Sta2),
+        udp(&*network, VirtualHost::STA1),
+        udp(&*network, VirtualHost::STA2),
     );
     receiver.set_read_timeout(Some(FLOOD)).unwrap();
     let stop = AtomicBool::new(false);
@@ -91,7 +92,7 @@ fn flood(settings: &NetworkSettings, payload: usize) -> Flood {
     thread::scope(|scope| {
         scope.spawn(|| {
             while !stop.load(Ordering::Relaxed) {
-                let _ = sender.send_to(&datagram, address(VirtualHost::Sta2));
+                let _ = sender.send_to(&datagram, address(VirtualHost::STA2));
             }
         });
         receive_for(&receiver, LEAD);
@@ -119,7 +120,7 @@ fn receive_for(socket: &UdpSocket, duration: Duration) {
 }
 
 fn delivered(network: &dyn Network) -> u64 {
-    network.links()[VirtualHost::Sta2.index()].down.delivered
+    network.links()[2].down.delivered
 }
 
 /// The CPU time that the emulator's thread has used (proc(5), `schedstat`: its first number, in nanoseconds).
@@ -145,5 +146,5 @@ fn udp(network: &dyn Network, host: VirtualHost) -> UdpSocket {
 }
 
 fn address(host: VirtualHost) -> SocketAddr {
-    SocketAddr::from((host.address(), PORT))
+    SocketAddr::from((address_in_the_ball(host), PORT))
 }

@@ -32,6 +32,7 @@ use clap::Parser;
 use nix::sys::socket::{setsockopt, sockopt};
 use record::{
     settings::{RealtimeSettings, Settings},
+    topology::address_in_the_ball,
     virtual_host::VirtualHost,
 };
 use serde::Serialize;
@@ -161,12 +162,12 @@ fn measure(call: &Call, settings: &Settings) -> Outcome<(Vec<Vec<i64>>, Rates)> 
         let mut writers = Vec::new();
         for number in 0..2 * PAIRS {
             let [to, from] = if number % 2 == 0 {
-                [VirtualHost::Sta1, VirtualHost::Sta2]
+                [VirtualHost::STA1, VirtualHost::STA2]
             } else {
-                [VirtualHost::Sta2, VirtualHost::Sta1]
+                [VirtualHost::STA2, VirtualHost::STA1]
             };
             let offset = i64::try_from(number).unwrap_or(0) * call.every_us * 1000 / (2 * PAIRS as i64);
-            let address: SocketAddr = (from.address(), FIRST_PORT + u16::try_from(number)?).into();
+            let address: SocketAddr = (address_in_the_ball(from), FIRST_PORT + u16::try_from(number)?).into();
             let (listens, is_listening) = mpsc::channel();
             // As in ROS, the publisher listens and the subscriber connects.
             writers
@@ -353,7 +354,7 @@ fn counters(network: &dyn Network) -> Outcome<Rates> {
         ("TCPTimeouts", "timeouts"),
     ];
     let mut counts = BTreeMap::new();
-    for host in [VirtualHost::Sta1, VirtualHost::Sta2] {
+    for host in [VirtualHost::STA1, VirtualHost::STA2] {
         let read = || -> Outcome<String> {
             network.enter(host)?;
             let paths = ["/proc/thread-self/net/netstat", "/proc/thread-self/net/snmp"];

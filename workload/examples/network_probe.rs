@@ -25,6 +25,7 @@ use std::{
 use clap::Parser;
 use record::{
     settings::{RealtimeSettings, Settings},
+    topology::address_in_the_ball,
     virtual_host::VirtualHost,
     window::LinkRecord,
 };
@@ -157,7 +158,7 @@ fn between<S: Send, F: Send, N: Send>(
 ) -> Outcome<(F, N)> {
     let (ready, is_ready) = std::sync::mpsc::channel();
     let far = move || -> Outcome<F> {
-        network.enter(VirtualHost::Sta2)?;
+        network.enter(VirtualHost::STA2)?;
         be_urgent();
         let socket = open()?;
         ready.send(())?;
@@ -165,7 +166,7 @@ fn between<S: Send, F: Send, N: Send>(
     };
     let near = move || -> Outcome<N> {
         is_ready.recv()?;
-        network.enter(VirtualHost::Sta1)?;
+        network.enter(VirtualHost::STA1)?;
         be_urgent();
         near()
     };
@@ -181,7 +182,7 @@ fn between<S: Send, F: Send, N: Send>(
 }
 
 fn address(host: VirtualHost) -> SocketAddr {
-    (host.address(), PORT).into()
+    (address_in_the_ball(host), PORT).into()
 }
 
 fn udp(host: VirtualHost) -> Outcome<UdpSocket> {
@@ -232,7 +233,7 @@ fn ping(network: &dyn Network, count: usize, every: Duration) -> Outcome<Pings> 
         Ok(there_ns)
     };
     let send = || {
-        let socket = udp(VirtualHost::Sta1)?;
+        let socket = udp(VirtualHost::STA1)?;
         let sender = socket.try_clone()?;
         let sending = thread::spawn(move || -> Outcome<()> {
             be_urgent();
@@ -243,7 +244,7 @@ fn ping(network: &dyn Network, count: usize, every: Duration) -> Outcome<Pings> 
                 let mut packet = [0; PING_BYTES];
                 put(&mut packet, 0, number);
                 put(&mut packet, 8, monotonic_ns());
-                sender.send_to(&packet, address(VirtualHost::Sta2))?;
+                sender.send_to(&packet, address(VirtualHost::STA2))?;
             }
             Ok(())
         });
@@ -256,7 +257,7 @@ fn ping(network: &dyn Network, count: usize, every: Duration) -> Outcome<Pings> 
         sending.join().map_err(|_| "the sender panicked")??;
         Ok((back_ns, round_trip_ns))
     };
-    let (there_ns, (back_ns, round_trip_ns)) = between(network, || udp(VirtualHost::Sta2), echo, send)?;
+    let (there_ns, (back_ns, round_trip_ns)) = between(network, || udp(VirtualHost::STA2), echo, send)?;
     Ok(Pings {
         sent: count,
         there_ns,
@@ -283,7 +284,7 @@ fn send_pairs(network: &dyn Network, count: usize, every: Duration) -> Outcome<P
         Ok(came)
     };
     let send = || {
-        let socket = udp(VirtualHost::Sta1)?;
+        let socket = udp(VirtualHost::STA1)?;
         let begin_ns = monotonic_ns();
         let mut gaps_ns = 0.0;
         for pair in 0..count {
@@ -292,14 +293,14 @@ fn send_pairs(network: &dyn Network, count: usize, every: Duration) -> Outcome<P
             let mut packet = [0; PING_BYTES];
             put(&mut packet, 0, pair);
             let first_ns = monotonic_ns();
-            socket.send_to(&packet, address(VirtualHost::Sta2))?;
+            socket.send_to(&packet, address(VirtualHost::STA2))?;
             put(&mut packet, 8, 1);
             gaps_ns += (monotonic_ns() - first_ns) as f64;
-            socket.send_to(&packet, address(VirtualHost::Sta2))?;
+            socket.send_to(&packet, address(VirtualHost::STA2))?;
         }
         Ok(gaps_ns / count.max(1) as f64)
     };
-    let (came, gap_ns) = between(network, || udp(VirtualHost::Sta2), take, send)?;
+    let (came, gap_ns) = between(network, || udp(VirtualHost::STA2), take, send)?;
     let whole: Vec<(usize, usize)> = came
         .into_iter()
         .filter_map(|[first, second]| Some((first?, second?)))
@@ -340,14 +341,14 @@ fn tcp(network: &dyn Network, seconds: usize) -> Outcome<Vec<f64>> {
         }
     };
     let send = move || {
-        let mut stream = TcpStream::connect(address(VirtualHost::Sta2))?;
+        let mut stream = TcpStream::connect(address(VirtualHost::STA2))?;
         connected.send(())?;
         let buffer = vec![0; 1 << 16];
         // Until the other side has had enough.
         while stream.write(&buffer).is_ok() {}
         Ok(())
     };
-    let open = || Ok(TcpListener::bind(address(VirtualHost::Sta2))?);
+    let open = || Ok(TcpListener::bind(address(VirtualHost::STA2))?);
     Ok(between(network, open, take, send)?.0)
 }
 
@@ -376,13 +377,13 @@ fn flood(network: &dyn Network, seconds: u64, bits_per_second: f64) -> Outcome<f
         Ok(counted.saturating_sub(1) as f64 * frame_bits * 1e9 / (last_ns - first_ns).max(1) as f64)
     };
     let send = || {
-        let socket = UdpSocket::bind(address(VirtualHost::Sta1))?;
+        let socket = UdpSocket::bind(address(VirtualHost::STA1))?;
         let begin_ns = monotonic_ns();
         for number in 0..count {
             sleep_until(begin_ns + (number as f64 * every_ns) as i64);
-            socket.send_to(&[0; FULL_BYTES], address(VirtualHost::Sta2))?;
+            socket.send_to(&[0; FULL_BYTES], address(VirtualHost::STA2))?;
         }
         Ok(())
     };
-    Ok(between(network, || udp(VirtualHost::Sta2), take, send)?.0)
+    Ok(between(network, || udp(VirtualHost::STA2), take, send)?.0)
 }

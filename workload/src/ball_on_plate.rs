@@ -22,14 +22,10 @@ mod latest_value;
 mod log_file;
 mod loop_threads;
 mod loops;
-mod master;
-mod namespace_entries;
-mod namespace_thread;
 mod node_messages;
 mod node_process;
 mod node_program;
 mod nodes;
-mod notices;
 mod open_window;
 mod recorder;
 mod rehearsal;
@@ -44,7 +40,6 @@ use std::{
 };
 
 use record::{
-    layout,
     platform::RosMasterRecord,
     progress::Progress,
     settings::{ImpairedFrom, Settings},
@@ -54,23 +49,16 @@ use simulation::schedule::Schedule;
 
 use self::{
     loops::Shared,
-    namespace_entries::NamespaceEntries,
     nodes::{Loops, Nodes, Setting},
-    notices::NoticeQueue,
     open_window::WindowShape,
     recorder::{Recorder, Sources},
 };
-pub use self::{
-    master::{survey as survey_master, uri as master_uri},
-    node_messages::Program,
-    node_program::serve,
-    rehearsal::rehearse,
-};
+pub use self::{node_messages::Program, node_program::serve, rehearsal::rehearse};
 use crate::{
     capabilities::drop_unneeded,
-    capture::Capture,
     experiment::{Ending, Experiment, ExperimentError, PlatformWatch, Reporter, Request},
-    network::{self, Network},
+    hosts::{NamespaceEntries, NoticeQueue, keep_transcript, start_captures, version_of_master},
+    network,
     realtime::{lock_memory, monotonic_ns},
 };
 
@@ -82,7 +70,7 @@ const AHEAD_NS: i64 = 5_000_000;
 pub struct BallOnPlate;
 
 impl Experiment for BallOnPlate {
-    fn begin(&self) -> Result<(), ExperimentError> {
+    fn begin(&self, _: &Settings) -> Result<(), ExperimentError> {
         Ok(network::become_namespace_root()?)
     }
 
@@ -106,11 +94,11 @@ impl Experiment for BallOnPlate {
         let watch = PlatformWatch::start(&request.data, move || {
             Some(RosMasterRecord {
                 program,
-                version: master::version(program),
+                version: version_of_master(program),
             })
         })?;
-        let captures = start_captures(settings, network.as_ref())?;
-        let mut board = NoticeQueue::new();
+        let captures = start_captures(&settings.capture, network.as_ref())?;
+        let mut board = NoticeQueue::on(VirtualHost::OF_THE_BALL);
         let log_dropped = Arc::new(AtomicU64::new(0));
         let nodes = Nodes::connect(&Setting {
             network: network.as_ref(),
@@ -132,7 +120,7 @@ impl Experiment for BallOnPlate {
         if settings.network.impaired_from == ImpairedFrom::Connection {
             network.impair()?;
         }
-        keep_transcript(request, network.as_ref())?;
+        keep_transcript(&request.data, network.as_ref())?;
         reporter.say(&Progress::Connected);
         let (mut loops, queues, mut grant) = nodes.start_loops(settings)?;
         // After all threads have their stacks.
@@ -157,7 +145,7 @@ impl Experiment for BallOnPlate {
         }
         let ended = loops.end();
         // Again, with what went through the links.
-        let kept = keep_transcript(request, network.as_ref());
+        let kept = keep_transcript(&request.data, network.as_ref());
         let watched = watch.finish();
         // What ended a loop is the cause of what the recorder could not go on without.
         ended?;
@@ -177,25 +165,6 @@ fn emulator_priority(settings: &Settings) -> u8 {
         0 => 0,
         priority => (priority + 1).min(99),
     }
-}
-
-fn start_captures(
-    settings: &Settings,
-    network: &dyn Network,
-) -> Result<Vec<(VirtualHost, Capture)>, ExperimentError> {
-    let hosts = VirtualHost::ALL.into_iter().filter(|_| settings.capture.enabled);
-    hosts
-        .map(|host| Ok((host, Capture::start(network, host, &settings.capture)?)))
-        .collect()
-}
-
-/// Writes `network.txt`, if there is something to tell.
-fn keep_transcript(request: &Request, network: &dyn Network) -> Result<(), ExperimentError> {
-    let Some(transcript) = network.transcript() else {
-        return Ok(());
-    };
-    let path = request.data.join(layout::NETWORK);
-    std::fs::write(&path, transcript).map_err(|source| ExperimentError::Write { path, source })
 }
 
 /// Chooses the experiment's zero, begins the loops and records them to their end.

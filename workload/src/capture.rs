@@ -80,7 +80,7 @@ impl Capture {
         let (boundaries, to_come) = mpsc::channel();
         let (completes, completed) = mpsc::channel();
         let (opened, opens) = mpsc::channel();
-        let interface = network.interface(host);
+        let interface = host.interface();
         let settings = settings.clone();
         let for_reader = Arc::clone(&wake);
         let read = move || match sources::open(host, &interface, &settings) {

@@ -7,27 +7,39 @@
 //! ```
 
 mod call;
+mod emulation;
+mod nodes;
 mod output;
+mod program;
 
 use std::{
     fs::{self, File},
     io,
     path::{Path, PathBuf},
     sync::{Arc, atomic::AtomicBool},
+    time::{Duration, Instant},
 };
 
 use record::{
     causes::with_causes,
-    experiment::{Argument, CommandExperiment, Compare, Metric, WindowValues, read_values},
+    experiment::{Argument, CommandExperiment, Compare, Metric, Values, WindowValues, read_values},
     layout,
-    platform::RealtimeGrant,
+    platform::{RealtimeGrant, RosMasterRecord},
     progress::Progress,
-    settings::validity::{self, Expectation},
-    window::{CommandRecord, NoticesRecord, OfExperiment, Verdict, WindowRecord},
+    settings::{
+        Settings,
+        validity::{self, Expectation},
+    },
+    window::{CaptureRecord, CommandRecord, NoticesRecord, OfExperiment, Verdict, WindowRecord},
 };
 use rustix::fs::{Mode, OFlags};
 
-use self::call::{Call, Ended, Outcome};
+use self::{
+    call::{Bounds, Call, Outcome},
+    emulation::Emulation,
+    nodes::NodesCall,
+    program::{Printed, Program},
+};
 pub use crate::command_error::CommandError;
 use crate::{
     descendants::Descendants,
@@ -35,6 +47,7 @@ use crate::{
         Ending, Experiment, ExperimentError, KnownPlatform, Reporter, Request, snapshot::Snapshot,
         window_folder::WindowFolder,
     },
+    hosts, network,
     realtime::monotonic_ns,
 };
 
@@ -45,9 +58,13 @@ const LAST_WORDS: usize = 300;
 pub struct Command;
 
 impl Experiment for Command {
-    /// A command has the rights that its user gave to `matrix` or to the container, neither more nor fewer.
-    fn begin(&self) -> Result<(), ExperimentError> {
-        Ok(())
+    /// A command has the rights that its user gave to `matrix` or to the container, neither more nor fewer. Nodes have those that
+    /// the ball on the plate has, since an emulated network is needed for them.
+    fn begin(&self, settings: &Settings) -> Result<(), ExperimentError> {
+        match settings.network_in_use() {
+            Some(_) => Ok(network::become_namespace_root()?),
+            None => Ok(()),
+        }
     }
 
     fn run(
@@ -59,20 +76,37 @@ impl Experiment for Command {
         let (Some(experiment), Some(work)) = (&request.settings.experiment, &request.work) else {
             return Err(CommandError::NoWork.into());
         };
+        let emulation = request
+            .settings
+            .network_in_use()
+            .map(|_| Emulation::open(&request.settings, reporter));
+        let emulation = emulation.transpose()?;
         // Before any program of the user's is started.
         let descendants = Descendants::begin()?;
-        let platform = KnownPlatform::look(&request.data, RealtimeGrant::default(), Arc::new(|| None))?;
+        let master = request.settings.master_in_use();
+        let master = move || {
+            master.map(|program| RosMasterRecord {
+                program,
+                version: hosts::version_of_master(program),
+            })
+        };
+        let platform = KnownPlatform::look(&request.data, RealtimeGrant::default(), Arc::new(master))?;
         let place = Place::make(work)?;
         let runs = Runs {
             request,
             experiment,
             place: &place,
+            emulation: emulation.as_ref(),
             reporter,
             descendants: &descendants,
             stop,
             began_ns: monotonic_ns(),
         };
-        let ending = runs.with_hooks()?;
+        let ending = runs.with_hooks();
+        if let Some(emulation) = &emulation {
+            emulation.keep_transcript(&request.data)?;
+        }
+        let ending = ending?;
         let changes = platform.finish()?;
         if !changes.is_empty() {
             reporter.say(&Progress::PlatformChanged { changes });
@@ -129,6 +163,7 @@ struct Runs<'a> {
     request: &'a Request,
     experiment: &'a CommandExperiment,
     place: &'a Place,
+    emulation: Option<&'a Emulation>,
     reporter: &'a Reporter,
     descendants: &'a Descendants,
     stop: &'a AtomicBool,
@@ -136,19 +171,41 @@ struct Runs<'a> {
 }
 
 impl Runs<'_> {
-    fn call(&self, command: &[Argument], window: Option<u32>) -> Call<'_> {
-        let values = window.map(|number| WindowValues {
-            number,
-            folder: &self.place.output_text,
-        });
-        let parameters = &self.experiment.parameters;
+    fn call<'b>(&'b self, command: &[Argument], window: Option<u32>, stop: &'b AtomicBool) -> Call<'b> {
+        let values = Values {
+            parameters: &self.experiment.parameters,
+            topology: None,
+            window: window.map(|number| self.values_of(number)),
+        };
         Call {
-            arguments: command.iter().map(|it| it.filled(parameters, values)).collect(),
-            folder: &self.place.files,
-            work: &self.place.work,
-            timeout: self.experiment.window.timeout.duration(),
+            program: Program {
+                arguments: command.iter().map(|it| it.filled(values)).collect(),
+                folder: self.place.files.clone(),
+                work: self.place.work.clone(),
+                environment: Vec::new(),
+                sought: None,
+            },
+            bounds: Bounds {
+                stop,
+                ..self.bounds()
+            },
             descendants: self.descendants,
+        }
+    }
+
+    fn values_of(&self, window: u32) -> WindowValues<'_> {
+        WindowValues {
+            number: window,
+            folder: &self.place.output_text,
+        }
+    }
+
+    fn bounds(&self) -> Bounds<'_> {
+        Bounds {
+            began: Instant::now(),
+            timeout: self.experiment.window.timeout.duration(),
             stop: self.stop,
+            folder: &self.place.files,
         }
     }
 
@@ -163,21 +220,18 @@ impl Runs<'_> {
             return Ok(false);
         }
         self.place.empty()?;
-        let call = Call {
-            stop,
-            ..self.call(command, None)
-        };
+        let call = self.call(command, None, stop);
         let ended = call.run(|_| self.reporter.say(&Progress::Preparing))?;
         let folder = self.request.data.join(hook);
         fs::create_dir(&folder).map_err(write_error(&folder))?;
-        keep_output(&folder, &ended)?;
+        keep_output(&folder, &OUTPUT, &ended.printed)?;
         match ended.outcome {
             Outcome::Exited(0) => Ok(false),
             Outcome::Stopped => Ok(true),
             outcome => Err(CommandError::Hook {
                 hook,
-                how: outcome.in_words(call.timeout),
-                last_words: ended.last_words(LAST_WORDS),
+                how: outcome.in_words(call.bounds.timeout),
+                last_words: ended.printed.last_words(LAST_WORDS),
             }
             .into()),
         }
@@ -223,7 +277,7 @@ impl Runs<'_> {
         Ok(Ending::Finished)
     }
 
-    /// Runs the command for a window, and keeps what it measured.
+    /// Runs a window, and keeps what it measured.
     fn window(
         &self,
         number: u32,
@@ -234,38 +288,114 @@ impl Runs<'_> {
         if starts_run {
             self.reporter.say(&Progress::Measuring { window: number });
         }
-        let began = Snapshot::take(None, &[]);
-        let call = self.call(&self.experiment.run, Some(number));
-        let ended = call.run(|elapsed| {
-            self.reporter.say(&Progress::Running {
-                window: number,
-                elapsed_ms: u64::try_from(elapsed.as_millis()).unwrap_or(u64::MAX),
-            });
+        let network = self.emulation.map(Emulation::network);
+        let began = Snapshot::take(network, &[]);
+        let measured = match self.emulation {
+            None => self.run_command(number, folder),
+            Some(emulation) => self.run_nodes(emulation, number, folder),
+        }?;
+        let after = Snapshot::take(network, &[]);
+        let mut reasons = measured.reasons.clone();
+        if measured.outcome == Outcome::Exited(0) {
+            reasons.extend(self.collect(folder)?);
+        }
+        Ok(self.record(number, starts_run, (&began, &after), measured, reasons))
+    }
+
+    fn say_running(&self, window: u32, elapsed: Duration) {
+        self.reporter.say(&Progress::Running {
+            window,
+            elapsed_ms: u64::try_from(elapsed.as_millis()).unwrap_or(u64::MAX),
         });
-        let after = Snapshot::take(None, &[]);
+    }
+
+    fn run_command(&self, number: u32, folder: &WindowFolder) -> Result<Measured, ExperimentError> {
+        let call = self.call(&self.experiment.run, Some(number), self.stop);
+        let ended = call.run(|elapsed| self.say_running(number, elapsed));
         let ended = ended.inspect_err(|_| folder.clone().withdraw())?;
+        keep_output(folder.path(), &OUTPUT, &ended.printed)?;
         if let Outcome::Killed { signal } = ended.outcome {
-            keep_output(folder.path(), &ended)?;
             return Err(CommandError::Killed {
+                who: "the command".to_owned(),
                 window: number,
                 signal,
-                last_words: ended.last_words(LAST_WORDS),
+                last_words: ended.printed.last_words(LAST_WORDS),
             }
             .into());
         }
-        keep_output(folder.path(), &ended)?;
         let mut reasons = Vec::new();
-        match ended.outcome {
-            Outcome::Exited(0) => reasons = self.collect(folder)?,
-            // Its verdict says so.
-            Outcome::Exited(_) => {}
-            ref outcome => reasons.push(format!("the command {}", outcome.in_words(call.timeout))),
+        // Of an exit code the verdict says so.
+        if ended.outcome.exit_code().is_none() {
+            reasons.push(format!(
+                "the command {}",
+                ended.outcome.in_words(call.bounds.timeout)
+            ));
         }
         if ended.outcome != Outcome::Exited(0) {
-            let words = ended.last_words(LAST_WORDS);
-            reasons.extend((!words.is_empty()).then(|| format!("it printed last: {words}")));
+            reasons.extend(said_last(&ended.printed));
         }
-        Ok(self.record(number, starts_run, (&began, &after), &ended, reasons))
+        Ok(Measured {
+            outcome: ended.outcome,
+            reasons,
+            command: CommandRecord {
+                exit_code: ended.outcome.exit_code(),
+                cpu_ns: ended.usage.cpu_ns,
+                peak_memory_bytes: ended.usage.peak_memory_bytes,
+                stdout_bytes: ended.printed.stdout.bytes,
+                stderr_bytes: ended.printed.stderr.bytes,
+                left_behind: ended.left_behind,
+                nodes: Vec::new(),
+            },
+            captures: Vec::new(),
+            notices: NoticesRecord::default(),
+        })
+    }
+
+    fn run_nodes(
+        &self,
+        emulation: &Emulation,
+        number: u32,
+        folder: &WindowFolder,
+    ) -> Result<Measured, ExperimentError> {
+        let bounds = self.bounds();
+        let call = NodesCall {
+            experiment: self.experiment,
+            emulation,
+            folder: &self.place.files,
+            work: &self.place.work,
+            window: self.values_of(number),
+            bounds,
+        };
+        emulation.begin_captures(folder)?;
+        let ended = call.run(|elapsed| self.say_running(number, elapsed));
+        // Also of nodes that could not be started.
+        let captured = emulation.end_captures()?;
+        let ended = ended?;
+        for (node, printed) in self.experiment.nodes.iter().zip(&ended.printed) {
+            keep_output(folder.path(), &layout::printed_by(&node.name), printed)?;
+        }
+        let (captures, failures) = captured;
+        let mut notices = NoticesRecord::default();
+        emulation.take_notices(self.reporter, &mut notices);
+        let mut reasons = ended.reasons(number, bounds.timeout, LAST_WORDS)?;
+        reasons.extend(failures);
+        let sum = |of: fn(&Printed) -> u64| ended.printed.iter().map(of).sum();
+        let outcome = ended.outcome();
+        Ok(Measured {
+            outcome,
+            reasons,
+            command: CommandRecord {
+                exit_code: outcome.exit_code(),
+                cpu_ns: ended.usage.cpu_ns,
+                peak_memory_bytes: ended.usage.peak_memory_bytes,
+                stdout_bytes: sum(|printed| printed.stdout.bytes),
+                stderr_bytes: sum(|printed| printed.stderr.bytes),
+                left_behind: ended.left_behind,
+                nodes: ended.nodes,
+            },
+            captures,
+            notices,
+        })
     }
 
     fn record(
@@ -273,38 +403,32 @@ impl Runs<'_> {
         number: u32,
         starts_run: bool,
         (began, after): (&Snapshot, &Snapshot),
-        ended: &Ended,
+        measured: Measured,
         reasons: Vec<String>,
     ) -> WindowRecord {
         let elapsed_ns = (after.monotonic_ns - began.monotonic_ns).max(1);
+        let cpu_ns = measured.command.cpu_ns;
         let mut record = WindowRecord {
             format: record::FORMAT,
             window: number,
             environment: self.request.environment.clone(),
             starts_run,
-            complete: ended.outcome != Outcome::Stopped,
+            complete: measured.outcome != Outcome::Stopped,
             started_unix_ns: began.unix_ns(began.monotonic_ns),
             ended_unix_ns: after.unix_ns(after.monotonic_ns),
             started_ns: began.monotonic_ns - self.began_ns,
             ended_ns: after.monotonic_ns - self.began_ns,
             of: OfExperiment::Command {
-                command: CommandRecord {
-                    exit_code: ended.outcome.exit_code(),
-                    cpu_ns: ended.usage.cpu_ns,
-                    peak_memory_bytes: ended.usage.peak_memory_bytes,
-                    stdout_bytes: ended.stdout.bytes,
-                    stderr_bytes: ended.stderr.bytes,
-                    left_behind: ended.left_behind,
-                },
+                command: measured.command,
             },
             clock_jump_ns: after.unix_offset_ns - began.unix_offset_ns,
-            cpu_share: ended.usage.cpu_ns as f64 / elapsed_ns as f64,
-            conditions: after.conditions_beside(began, ended.usage.cpu_ns),
-            captures: Vec::new(),
-            network_seed: None,
-            links: Vec::new(),
-            notices: NoticesRecord::default(),
-            releases: None,
+            cpu_share: cpu_ns as f64 / elapsed_ns as f64,
+            conditions: after.conditions_beside(began, cpu_ns),
+            captures: measured.captures,
+            network_seed: self.emulation.and_then(|it| it.network().seed()),
+            links: after.links_since(began),
+            notices: measured.notices,
+            releases: after.releases_since(began),
             files: Vec::new(),
             verdict: Verdict::Valid,
             reasons: Vec::new(),
@@ -312,7 +436,7 @@ impl Runs<'_> {
         let expected = Expectation {
             step_ns: 0,
             steps_per_period: 0,
-            captures: 0,
+            captures: self.emulation.map_or(0, Emulation::captures),
             limits: &self.request.settings.validity,
         };
         (record.verdict, record.reasons) = validity::judge(&record, &expected);
@@ -390,8 +514,30 @@ fn check(metric: &Metric, path: &Path) -> io::Result<Option<String>> {
     })
 }
 
-fn keep_output(folder: &Path, ended: &Ended) -> Result<(), ExperimentError> {
-    for (name, kept) in [(layout::STDOUT, &ended.stdout), (layout::STDERR, &ended.stderr)] {
+/// What a window of a command or of nodes came to.
+struct Measured {
+    outcome: Outcome,
+    /// Why it does not count, as far as its numbers do not say so.
+    reasons: Vec<String>,
+    command: CommandRecord,
+    captures: Vec<CaptureRecord>,
+    notices: NoticesRecord,
+}
+
+/// The files of what a command printed.
+const OUTPUT: [&str; 2] = [layout::STDOUT, layout::STDERR];
+
+fn said_last(printed: &Printed) -> Option<String> {
+    let words = printed.last_words(LAST_WORDS);
+    (!words.is_empty()).then(|| format!("it printed last: {words}"))
+}
+
+fn keep_output(
+    folder: &Path,
+    names: &[impl AsRef<Path>; 2],
+    printed: &Printed,
+) -> Result<(), ExperimentError> {
+    for (name, kept) in names.iter().zip([&printed.stdout, &printed.stderr]) {
         let path = folder.join(name);
         let written = File::create_new(&path).and_then(|file| kept.write(file));
         written.map_err(write_error(&path))?;

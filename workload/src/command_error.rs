@@ -40,9 +40,11 @@ pub enum CommandError {
         /// Why it does not count.
         reason: String,
     },
-    /// Something killed the command of a window.
-    #[error("the command of window {window} was killed by signal {signal}{}", printed(.last_words))]
+    /// Something killed the command of a window, or one of its nodes.
+    #[error("{who} of window {window} was killed by signal {signal}{}", printed(.last_words))]
     Killed {
+        /// `the command`, or which node.
+        who: String,
         /// Which window's.
         window: u32,
         /// By which signal.

@@ -8,6 +8,7 @@ use std::{
     ffi::OsString,
     fs::{self, File},
     io,
+    net::Ipv4Addr,
     os::unix::process::CommandExt,
     path::PathBuf,
     process::Command,
@@ -15,6 +16,7 @@ use std::{
 
 use nix::{
     errno::Errno,
+    ifaddrs::getifaddrs,
     sched::{CloneFlags, setns},
 };
 use record::virtual_host::VirtualHost;
@@ -92,13 +94,20 @@ pub fn exec(
     let source = Command::new(program)
         .args(arguments)
         .env("ROS_MASTER_URI", master_uri)
-        .env("ROS_IP", host.address().to_string())
+        .envs(address(host).map(|address| ("ROS_IP", address.to_string())))
         .env_remove("ROS_HOSTNAME")
         .exec();
     EnterError::Program {
         program: program.into(),
         source,
     }
+}
+
+/// The address that the host has, which this process is in.
+fn address(host: VirtualHost) -> Option<Ipv4Addr> {
+    let interface = host.interface();
+    let mut found = getifaddrs().ok()?.filter(|it| it.interface_name == interface);
+    found.find_map(|it| Some(it.address?.as_sockaddr_in()?.ip()))
 }
 
 /// Moves this process into the host's network.
@@ -135,7 +144,7 @@ mod tests {
 
     #[test]
     fn a_process_without_hosts_has_none() {
-        let error = enter(std::process::id(), VirtualHost::Sta1).unwrap_err();
+        let error = enter(std::process::id(), VirtualHost::STA1).unwrap_err();
         assert!(matches!(error, EnterError::NoHost { .. }), "{error}");
     }
 

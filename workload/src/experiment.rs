@@ -43,7 +43,7 @@ pub trait Experiment: Sync {
     ///
     /// # Errors
     /// If the platform does not allow it.
-    fn begin(&self) -> Result<(), ExperimentError>;
+    fn begin(&self, settings: &Settings) -> Result<(), ExperimentError>;
 
     /// Measures all windows, or until `stop` is set. Everything it made is gone afterwards, except the data.
     ///

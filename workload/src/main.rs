@@ -23,6 +23,7 @@ use record::{
     limits,
     progress::{Part, Progress},
     settings::{Dynamics, Settings},
+    topology,
     virtual_host::VirtualHost,
 };
 use workload::{
@@ -30,7 +31,7 @@ use workload::{
     capabilities::drop_unneeded,
     check, detached, enter,
     experiment::{Ending, ExperimentError, Reporter, Request},
-    experiments, network,
+    experiments, hosts, network,
 };
 
 /// One networked control experiment, in one environment.
@@ -82,9 +83,8 @@ struct Node {
 struct Enter {
     /// Process number of the workload.
     pid: u32,
-    /// `h1`, `sta1` or `sta2`.
-    #[arg(value_parser = PossibleValuesParser::new(VirtualHost::ALL.map(VirtualHost::name)))]
-    host: String,
+    /// One of its virtual hosts, such as `h1`.
+    host: VirtualHost,
     /// The program.
     program: OsString,
     /// Its arguments.
@@ -137,7 +137,7 @@ fn run(call: Run) -> ExitCode {
     // While this is the only thread: the kernel asks for that, and the threads to come inherit the blocked signals.
     let begun = request
         .as_ref()
-        .map(|request| experiments::of(&request.settings).begin());
+        .map(|request| experiments::of(&request.settings).begin(&request.settings));
     let begun = begun.unwrap_or(Ok(()));
     let ends = block_signals();
     let made = std::fs::create_dir_all(&data);
@@ -290,13 +290,10 @@ fn node(call: &Node) -> ExitCode {
 }
 
 fn enter(call: &Enter) -> ExitCode {
-    let Some(host) = VirtualHost::ALL.into_iter().find(|host| host.name() == call.host) else {
-        return Exit::WrongCall.into();
-    };
     let error = enter::exec(
         call.pid,
-        host,
-        &ball_on_plate::master_uri(),
+        call.host,
+        &hosts::uri(topology::address(0)),
         &call.program,
         &call.arguments,
     );
@@ -327,7 +324,8 @@ fn set_when_told(ends: SigSet, stop: &Arc<AtomicBool>) -> Result<(), ExperimentE
             stop.store(true, Ordering::Relaxed);
         }
     });
-    watcher
-        .map(drop)
-        .map_err(|source| ExperimentError::Thread { name, source })
+    watcher.map(drop).map_err(|source| ExperimentError::Thread {
+        name: name.into(),
+        source,
+    })
 }

@@ -1,4 +1,4 @@
-//! The network of the three virtual hosts. The trait is [`Network`]; [`open`] gives the network that the settings name.
+//! The network of the virtual hosts. The trait is [`Network`]; [`open`] gives the network that the settings name.
 //!
 //! Everything it makes lives as long as the process at most: the
 //! namespaces have no name and the devices are not persistent, so that even `kill -9` leaves nothing behind. Only
@@ -8,13 +8,13 @@ mod backend;
 mod device;
 mod emulator;
 mod error;
+pub mod fabric;
 mod ipv6;
 mod kernel;
 pub mod mininet;
 mod namespace;
 pub mod release_lateness;
 mod seed;
-pub mod star;
 pub mod switch;
 mod userspace;
 
@@ -84,7 +84,7 @@ impl Way {
                     let seed = settings.seed.unwrap_or_else(seed::random_seed);
                     Ok(Box::new(Userspace::open(settings, seed, emulator_priority)?))
                 },
-                survey: |_| userspace::survey(),
+                survey: userspace::survey,
             },
             NetworkBackend::Kernel => Self {
                 open: |settings, _| Ok(Box::new(Kernel::open(settings)?)),

@@ -23,6 +23,7 @@ mod error;
 mod frames;
 #[doc(hidden)]
 pub mod fuzzing;
+mod inquiry;
 mod master;
 mod name;
 mod node;
@@ -38,6 +39,7 @@ mod thread_group;
 mod xml_rpc;
 
 pub use error::RosError;
+pub use inquiry::has_publisher;
 pub use master::Master;
 pub use node::{Node, NodeConfig};
 pub use notice::{Notice, Notices};

@@ -112,8 +112,8 @@ fn without_suspicion() -> ValiditySettings {
 }
 
 fn command(record: &WindowRecord) -> CommandRecord {
-    match record.of {
-        OfExperiment::Command { command } => command,
+    match &record.of {
+        OfExperiment::Command { command } => command.clone(),
         OfExperiment::Loops(_) => panic!("{record:?}"),
     }
 }

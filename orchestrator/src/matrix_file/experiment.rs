@@ -17,6 +17,8 @@ use super::{
 
 /// The settings of the workload that every experiment has.
 const SHARED: [&str; 3] = ["windows", "environments", "validity"];
+/// Those that one with nodes has besides.
+const OF_NODES: [&str; 3] = ["network", "capture", "realtime"];
 
 /// Finds what is wrong with the section and what it rules out.
 pub fn read(source: &Arc<Source>, tree: &Node, axes: &Axes, found: &mut Diagnostics) {
@@ -43,6 +45,11 @@ pub fn read(source: &Arc<Source>, tree: &Node, axes: &Axes, found: &mut Diagnost
         }
         return;
     }
+    let has_nodes = section.is_some_and(|entry| entry.value.entry("nodes").is_some());
+    let had: Vec<&str> = SHARED
+        .into_iter()
+        .chain(OF_NODES.into_iter().filter(|_| has_nodes))
+        .collect();
     let experiment = section.and_then(|entry| {
         let read = typing::read::<CommandExperiment>(source, &entry.value);
         read.map_err(|wrong| found.extend(wrong)).ok()
@@ -59,7 +66,7 @@ pub fn read(source: &Arc<Source>, tree: &Node, axes: &Axes, found: &mut Diagnost
             )),
             // One that cannot be read says nothing of its parameters.
             (Some(_), Some(parameter)) => experiment.as_ref().and_then(|it| no_parameter(it, parameter)),
-            (Some(_), None) if !is_shared(name) => Some(of_the_ball(name)),
+            (Some(_), None) if !is_among(name, &had) => Some(of_the_ball(name, &had)),
             _ => None,
         };
         if let Some((message, help)) = wrong {
@@ -85,8 +92,8 @@ pub fn read(source: &Arc<Source>, tree: &Node, axes: &Axes, found: &mut Diagnost
         }
     }
     let others = workload.map(Node::entries).unwrap_or_default().iter();
-    for entry in others.filter(|entry| !is_shared(&entry.key.value) && entry.key.value != EXPERIMENT) {
-        let (message, help) = of_the_ball(&entry.key.value);
+    for entry in others.filter(|entry| !is_among(&entry.key.value, &had) && entry.key.value != EXPERIMENT) {
+        let (message, help) = of_the_ball(&entry.key.value, &had);
         found.push(error(Code::UnknownKey, entry.key.span, message).help(help));
     }
 }
@@ -100,9 +107,9 @@ fn lists_of_values(section: &Node) -> Vec<&Entry> {
         .collect()
 }
 
-fn is_shared(path: &str) -> bool {
+fn is_among(path: &str, had: &[&str]) -> bool {
     let first = path.split('.').next().unwrap_or(path);
-    SHARED.contains(&first)
+    had.contains(&first)
 }
 
 fn no_parameter(experiment: &CommandExperiment, parameter: &str) -> Option<(String, String)> {
@@ -116,12 +123,19 @@ fn no_parameter(experiment: &CommandExperiment, parameter: &str) -> Option<(Stri
     })
 }
 
-fn of_the_ball(path: &str) -> (String, String) {
+fn of_the_ball(path: &str, had: &[&str]) -> (String, String) {
+    if is_among(path, &OF_NODES) {
+        return (
+            format!("`{path}` is of an emulated network, on which this experiment is not"),
+            "take it out, or write `nodes:` in place of `run:`, which puts programs on the network"
+                .to_owned(),
+        );
+    }
     (
         format!("`{path}` is a setting of the ball on the plate, which this file does not measure"),
         format!(
             "take it out: with `experiment:` the workload has {}",
-            list(SHARED)
+            list(had.iter().copied())
         ),
     )
 }

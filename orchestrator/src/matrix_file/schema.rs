@@ -119,14 +119,19 @@ fn matrix(catalogue: Catalogue) -> Value {
         }
     }
     let parameter = with_description(&axis, "Sweeps a parameter of the experiment.");
+    let link = with_description(&axis, "Sweeps what one link of the network does.");
     json!({
         "description": "Axes are lists of values; every combination is a scenario.",
         "type": ["object", "null"],
         "properties": properties,
-        "patternProperties": { "^parameters\\.": parameter },
+        "patternProperties": { "^parameters\\.": parameter, LINK_PATTERN: link },
         "additionalProperties": false,
     })
 }
+
+/// What a setting of one link looks like, as [`LinkSettings::is_path`] has it.
+const LINK_PATTERN: &str =
+    "^network\\.(hosts|switches)\\.[a-z][a-z0-9-]*\\.(switch|delay|jitter|loss|bandwidth|limit_packets)$";
 
 fn with_description(schema: &Value, description: &str) -> Value {
     let mut described = json!({ "description": description });

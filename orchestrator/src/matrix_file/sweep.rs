@@ -9,6 +9,7 @@ use record::{
     axis::{HARDWARE, OS, VIRTUALIZATION},
     experiment::CommandExperiment,
     settings::Settings,
+    topology::LinkSettings,
 };
 use serde_json::Value;
 
@@ -49,7 +50,7 @@ impl Role {
             HARDWARE => return Ok(Self::Hardware),
             OS => return Ok(Self::Os),
             VIRTUALIZATION => return Ok(Self::Virtualization),
-            _ if name.starts_with(PARAMETERS) => return Ok(Self::Sweep),
+            _ if name.starts_with(PARAMETERS) || LinkSettings::is_path(name) => return Ok(Self::Sweep),
             _ if paths.iter().any(|path| path == name) => return Ok(Self::Sweep),
             _ => {}
         }
@@ -155,6 +156,7 @@ mod tests {
     #[case("hardware", Role::Hardware)]
     #[case("network.loss", Role::Sweep)]
     #[case("period", Role::Sweep)]
+    #[case("network.hosts.robot.delay", Role::Sweep)]
     #[case("fruit", Role::Label)]
     #[case("fruit.colour", Role::Label)]
     fn an_axis_is_what_its_name_says(#[case] name: &str, #[case] role: Role) {

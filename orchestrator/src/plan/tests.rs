@@ -614,7 +614,7 @@ fn a_need_that_a_provider_cannot_meet_makes_the_scenarios_with_it_infeasible(
         reason: "it is not there".to_owned(),
         fix: Some("install it".to_owned()),
     };
-    let need = Need::of_the_ball(&serde_json::from_value(settings).unwrap());
+    let need = Need::of_the_network(&serde_json::from_value(settings).unwrap());
     let here = facts.get_mut("local").unwrap();
     here.providers
         .get_mut("native")

@@ -5,6 +5,7 @@
 //! environment.json  network.txt  progress.jsonl
 //! window-N/         control.csv  plant.csv  h1.pcap  sta1.pcap  sta2.pcap  window.json
 //!                   of a command: stdout.txt  stderr.txt  the files of its metrics  window.json
+//!                   of nodes: NODE.stdout.txt  NODE.stderr.txt  HOST.pcap  the files of the metrics  window.json
 //! prepare/          of a command: stdout.txt  stderr.txt
 //! restore/          the same
 //! ```
@@ -20,7 +21,7 @@ use std::{
     path::{Component, Path, PathBuf},
 };
 
-use record::{experiment::CommandExperiment, layout, virtual_host::VirtualHost, window::WindowRecord};
+use record::{layout, settings::Settings, virtual_host::VirtualHost, window::WindowRecord};
 use rustix::fs::{Mode, OFlags};
 
 use super::{EnvironmentRequest, ProviderError};
@@ -43,7 +44,7 @@ impl Allowance {
         Self {
             windows: request.windows.clone(),
             bytes: disk_space::windows_take_at_most(&request.settings, request.windows.len()),
-            of_a_command: request.settings.experiment.as_ref().map(window_files),
+            of_a_command: window_files(&request.settings),
         }
     }
 
@@ -87,8 +88,9 @@ impl Allowance {
             return Some(WindowRecord::MOST_BYTES);
         }
         let is_capture = || {
-            file.strip_suffix(".pcap")
-                .is_some_and(|name| VirtualHost::ALL.iter().any(|host| host.name() == name))
+            VirtualHost::OF_THE_BALL
+                .iter()
+                .any(|host| layout::capture(host) == file)
         };
         let is_known = match &self.of_a_command {
             Some(files) => files.contains(file),
@@ -98,11 +100,12 @@ impl Allowance {
     }
 }
 
-/// What a window of a command has beside its record.
-fn window_files(experiment: &CommandExperiment) -> BTreeSet<String> {
-    let printed = [layout::STDOUT, layout::STDERR];
-    let names = experiment.measured_files().into_iter().chain(printed);
-    names.map(str::to_owned).collect()
+/// What a window of a command has beside its record; none of the ball on the plate.
+fn window_files(settings: &Settings) -> Option<BTreeSet<String>> {
+    let experiment = settings.experiment.as_ref()?;
+    let mut files = experiment.files_of_matrix(&settings.network.topology());
+    files.extend(experiment.measured_files().into_iter().map(str::to_owned));
+    Some(files)
 }
 
 /// A file that a data folder may have.
@@ -369,15 +372,32 @@ mod tests {
     #[case("window-1/h1.pcap", false)]
     #[case("window-4/errors.csv", false)]
     fn of_a_command_the_files_of_its_metrics_are_taken(#[case] path: &str, #[case] known: bool) {
-        let experiment = serde_json::json!({
-            "name": "reach", "run": ["true"],
-            "metrics": [{"name": "error", "from": "errors.csv"}],
-        });
-        let allowance = Allowance {
-            of_a_command: Some(window_files(&serde_json::from_value(experiment).unwrap())),
+        let run = serde_json::json!({"run": ["true"]});
+        assert_eq!(allowance_of(run).file(Path::new(path)).is_some(), known);
+    }
+
+    #[rstest::rstest]
+    #[case("window-1/errors.csv", true)]
+    #[case("window-1/robot.stdout.txt", true)]
+    #[case("window-1/sta1.pcap", true)]
+    #[case("network.txt", true)]
+    #[case("window-1/stdout.txt", false)]
+    #[case("window-1/other.stdout.txt", false)]
+    #[case("window-1/other.pcap", false)]
+    fn of_nodes_also_what_each_printed_and_what_was_captured(#[case] path: &str, #[case] known: bool) {
+        let nodes = serde_json::json!({"nodes": [{"name": "robot", "host": "sta1", "run": ["true"]}]});
+        assert_eq!(allowance_of(nodes).file(Path::new(path)).is_some(), known);
+    }
+
+    /// Of a command or nodes that measure `errors.csv`.
+    fn allowance_of(mut experiment: serde_json::Value) -> Allowance {
+        experiment["name"] = "reach".into();
+        experiment["metrics"] = serde_json::json!([{"name": "error", "from": "errors.csv"}]);
+        let settings = serde_json::json!({ "experiment": experiment });
+        Allowance {
+            of_a_command: window_files(&serde_json::from_value(settings).unwrap()),
             ..allowance(1)
-        };
-        assert_eq!(allowance.file(Path::new(path)).is_some(), known);
+        }
     }
 
     /// Of three windows of the ball on the plate.

@@ -25,10 +25,10 @@ impl Calls {
     pub fn of(scenario: &ScenarioRun) -> Option<Self> {
         let calls: Vec<(f64, f64, CommandRecord)> = scenario
             .counted()
-            .filter_map(|(_, record, _)| match record.of {
+            .filter_map(|(_, record, _)| match &record.of {
                 OfExperiment::Command { command } => {
                     let took_s = (record.ended_ns - record.started_ns) as f64 / 1e9;
-                    Some((took_s, record.cpu_share, command))
+                    Some((took_s, record.cpu_share, command.clone()))
                 }
                 OfExperiment::Loops(_) => None,
             })

@@ -21,8 +21,10 @@ pub enum MeasuredExperiment {
     Command {
         /// The experiment's name.
         name: String,
-        /// The command, as the matrix file has it.
+        /// The command, as the matrix file has it, or its nodes.
         run: String,
+        /// How the network of its nodes was to be made, if it has some.
+        network: Option<NetworkBackend>,
     },
 }
 
@@ -37,10 +39,19 @@ impl MeasuredExperiment {
                 overridden: settings.overridden(),
             },
             Some(experiment) => {
-                let arguments = experiment.run.iter().map(Argument::to_string);
+                let words = |command: &[Argument]| {
+                    let arguments = command.iter().map(Argument::to_string);
+                    arguments.collect::<Vec<_>>().join(" ")
+                };
+                let nodes = experiment.nodes.iter();
+                let nodes = nodes.map(|node| format!("{} on {}: {}", node.name, node.host, words(&node.run)));
                 Self::Command {
+                    network: settings.network_in_use().map(|network| network.backend),
                     name: experiment.name.clone(),
-                    run: arguments.collect::<Vec<_>>().join(" "),
+                    run: match experiment.nodes.is_empty() {
+                        true => words(&experiment.run),
+                        false => nodes.collect::<Vec<_>>().join("; "),
+                    },
                 }
             }
         }
@@ -51,8 +62,14 @@ impl MeasuredExperiment {
     pub const fn network(&self) -> Option<NetworkBackend> {
         match self {
             Self::Ball { network, .. } => Some(*network),
-            Self::Command { .. } => None,
+            Self::Command { network, .. } => *network,
         }
+    }
+
+    /// Whether it is the ball on the plate.
+    #[must_use]
+    pub const fn is_ball(&self) -> bool {
+        matches!(self, Self::Ball { .. })
     }
 
     /// What it is, as a row of Table I has it.
@@ -74,7 +91,7 @@ impl MeasuredExperiment {
                 [] => dynamics.name().to_owned(),
                 _ => format!("{} but for {}", dynamics.name(), overridden.join(", ")),
             },
-            Self::Command { name, run } => format!("{name}, `{run}`"),
+            Self::Command { name, run, .. } => format!("{name}, `{run}`"),
         }
     }
 

@@ -67,7 +67,9 @@ pub(crate) fn missing(scenarios: &[ScenarioReport]) -> Vec<&'static str> {
 
 fn letter(scenario: &ScenarioReport) -> Option<&'static str> {
     // The paper measured nothing but the ball on the plate.
-    scenario.experiment.network()?;
+    if !scenario.experiment.is_ball() {
+        return None;
+    }
     let is = |axis: &str, names: &[&str]| {
         let value = scenario.axis(axis);
         value.is_some_and(|value| names.contains(&value.to_ascii_lowercase().as_str()))

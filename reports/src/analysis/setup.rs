@@ -107,7 +107,11 @@ impl Experiments {
 /// program. How many windows there are, how they were captured and what was asked of the operating system is not of it.
 fn task(settings: &Settings) -> Value {
     if let Some(experiment) = &settings.experiment {
-        return json!({ "experiment": experiment });
+        let network = settings.network_in_use();
+        return match network {
+            None => json!({ "experiment": experiment }),
+            Some(network) => json!({ "experiment": experiment, "network": network }),
+        };
     }
     json!({
         "period": settings.period,

@@ -23,6 +23,10 @@ pub fn read(run: &Run) -> Traffic {
 }
 
 fn of_scenario(scenario: &ScenarioRun) -> ScenarioTraffic {
+    // What nodes of the user's say to each other, only they know.
+    if scenario.planned.settings.experiment.is_some() {
+        return ScenarioTraffic::default();
+    }
     let mut traffic = traffic::read(captured(scenario), scenario.planned.settings.period);
     let counted: Vec<u32> = scenario.counted().map(|(number, ..)| number).collect();
     traffic.windows.retain(|window| counted.contains(&window.window));

@@ -4,7 +4,7 @@
 use std::{collections::HashMap, net::Ipv4Addr};
 
 use captures::packets::{Packet, Segment, Topic};
-use record::{settings::Messages, virtual_host::VirtualHost};
+use record::{settings::Messages, topology::address_in_the_ball, virtual_host::VirtualHost};
 
 use super::flow::{Delivery, Flow};
 
@@ -28,7 +28,7 @@ impl Ports {
     fn of(segment: &Segment<'_>) -> Option<Self> {
         let topic = Topic::ALL
             .into_iter()
-            .find(|topic| [topic.sender(), topic.receiver()].map(VirtualHost::address) == ends(segment))?;
+            .find(|topic| [topic.sender(), topic.receiver()].map(address_in_the_ball) == ends(segment))?;
         Some(Self {
             topic,
             from: segment.source.port(),

@@ -343,7 +343,7 @@ fn tcpdump() -> Vec<u8> {
 }
 
 fn need(json: serde_json::Value) -> Need {
-    Need::of_the_ball(&serde_json::from_value(json).unwrap())
+    Need::of_the_network(&serde_json::from_value(json).unwrap())
 }
 
 #[tokio::test]

@@ -3,7 +3,7 @@
 use std::{collections::HashMap, path::Path, process::Command};
 
 use captures::{packets::Topic, traffic::WindowTraffic};
-use record::run_directory::RunDirectory;
+use record::{run_directory::RunDirectory, topology::address_in_the_ball};
 use reports::input::traffic;
 
 /// What tshark says of a packet with data.
@@ -72,7 +72,7 @@ fn the_packets_are_those_that_tshark_sees() {
                     .map(|host| seen_by_tshark(&folder.join(format!("{host}.pcap.zst"))));
                 let from_it = sent
                     .iter()
-                    .filter(|(_, seen)| seen.source == topic.sender().address().to_string());
+                    .filter(|(_, seen)| seen.source == address_in_the_ball(topic.sender()).to_string());
                 let within: Vec<_> = from_it
                     .filter(|(_, seen)| (began_s..ended_s).contains(&seen.at_s))
                     .collect();

@@ -15,6 +15,7 @@ use pcap_file::{TsResolution, pcap::PcapReader};
 use record::{
     causes::with_causes,
     settings::{CaptureSettings, NetworkSettings},
+    topology::address_in_the_ball,
     virtual_host::VirtualHost,
     window::CaptureRecord,
 };
@@ -61,7 +62,7 @@ pub fn open_unimpaired(settings: &NetworkSettings) -> Box<dyn Network> {
 
 /// Where a host of a test listens.
 pub fn address(host: VirtualHost) -> SocketAddr {
-    SocketAddr::from((host.address(), PORT))
+    SocketAddr::from((address_in_the_ball(host), PORT))
 }
 
 /// Does something on a host, whose address it is given.

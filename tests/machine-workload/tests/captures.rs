@@ -53,8 +53,8 @@ fn main() -> ExitCode {
 fn read_by_the_tools() {
     let folder = tempfile::tempdir().unwrap();
     let network = open();
-    let captures = VirtualHost::ALL.map(|host| capture(&*network, host, &CaptureSettings::default()));
-    let files = VirtualHost::ALL.map(|host| folder.path().join(format!("{host}.pcap")));
+    let captures = VirtualHost::OF_THE_BALL.map(|host| capture(&*network, host, &CaptureSettings::default()));
+    let files = VirtualHost::OF_THE_BALL.map(|host| folder.path().join(format!("{host}.pcap")));
     for (capture, file) in captures.iter().zip(&files) {
         capture.begin_window(file.clone(), unix_now_ns()).unwrap();
     }
@@ -92,9 +92,9 @@ fn tcpdump_beside_it() {
     let folder = tempfile::tempdir().unwrap();
     let [ours, theirs] = ["ours.pcap", "theirs.pcap"].map(|name| folder.path().join(name));
     let network = open();
-    let capture = capture(&*network, VirtualHost::Sta1, &CaptureSettings::default());
+    let capture = capture(&*network, VirtualHost::STA1, &CaptureSettings::default());
     capture.begin_window(ours.clone(), unix_now_ns()).unwrap();
-    let tcpdump = within(&*network, VirtualHost::Sta1, |_| RunningTcpdump::start(&theirs));
+    let tcpdump = within(&*network, VirtualHost::STA1, |_| RunningTcpdump::start(&theirs));
     talk(&*network);
     let ended_ns = unix_now_ns();
     capture.end(ended_ns).unwrap();
@@ -116,7 +116,7 @@ fn by_tcpdump_itself() {
         ..CaptureSettings::default()
     };
     let captures = [CaptureSettings::default(), settings]
-        .map(|settings| capture(&*network, VirtualHost::Sta1, &settings));
+        .map(|settings| capture(&*network, VirtualHost::STA1, &settings));
     let began_ns = unix_now_ns();
     // In the midst of what is said.
     let boundary_ns = began_ns + 700_000_000;
@@ -161,7 +161,7 @@ fn filtered() {
             snaplen: record::quantity::Bytes::new(96),
             ..CaptureSettings::default()
         };
-        capture(&*network, VirtualHost::Sta2, &settings)
+        capture(&*network, VirtualHost::STA2, &settings)
     });
     let files = tools.map(|tool| folder.path().join(format!("{tool:?}.pcap")));
     for (capture, file) in captures.iter().zip(&files) {
@@ -190,7 +190,7 @@ fn refused() {
             filter: Some("udp prt 1".to_owned()),
             ..CaptureSettings::default()
         };
-        let error = Capture::start(&*network, VirtualHost::Sta1, &settings).unwrap_err();
+        let error = Capture::start(&*network, VirtualHost::STA1, &settings).unwrap_err();
         let said = match error {
             CaptureError::Filter { said, .. } | CaptureError::ToolEnded { said, .. } => said,
             other => panic!("{other:?}"),
@@ -233,10 +233,10 @@ const DATAGRAMS: u32 = 100;
 
 /// One and a half seconds of small messages both ways over TCP, datagrams, and a larger piece.
 fn talk(network: &dyn Network) {
-    let server = within(network, VirtualHost::Sta2, |address| {
+    let server = within(network, VirtualHost::STA2, |address| {
         TcpListener::bind(address).unwrap()
     });
-    let datagrams = within(network, VirtualHost::Sta2, |address| {
+    let datagrams = within(network, VirtualHost::STA2, |address| {
         UdpSocket::bind(address).unwrap()
     });
     let begun = Instant::now();
@@ -250,17 +250,17 @@ fn talk(network: &dyn Network) {
             }
             std::io::copy(&mut stream, &mut std::io::sink()).unwrap();
         });
-        let client = within(network, VirtualHost::Sta1, |_| {
-            TcpStream::connect(address(VirtualHost::Sta2)).unwrap()
+        let client = within(network, VirtualHost::STA1, |_| {
+            TcpStream::connect(address(VirtualHost::STA2)).unwrap()
         });
-        let sender = within(network, VirtualHost::Sta1, |_| {
-            UdpSocket::bind(address(VirtualHost::Sta1)).unwrap()
+        let sender = within(network, VirtualHost::STA1, |_| {
+            UdpSocket::bind(address(VirtualHost::STA1)).unwrap()
         });
         client.set_nodelay(true).unwrap();
         for number in 0..DATAGRAMS {
             thread::sleep((Duration::from_millis(12) * number).saturating_sub(begun.elapsed()));
             (&client).write_all(&[7; 250]).unwrap();
-            sender.send_to(&[9; 200], address(VirtualHost::Sta2)).unwrap();
+            sender.send_to(&[9; 200], address(VirtualHost::STA2)).unwrap();
         }
         let mut answers = vec![0; 100 * DATAGRAMS as usize];
         (&client).read_exact(&mut answers).unwrap();

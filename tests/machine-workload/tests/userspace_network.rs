@@ -23,6 +23,7 @@ use machine_workload::{
 use record::{
     quantity::{Bytes, Fraction},
     settings::{CaptureSettings, NetworkSettings},
+    topology::address_in_the_ball,
     virtual_host::VirtualHost,
     window::{CaptureRecord, PassRecord},
 };
@@ -102,8 +103,8 @@ fn slow_and_lossy_as_asked() {
         seed: Some(7),
         ..NetworkSettings::default()
     });
-    let captures = VirtualHost::ALL.map(|host| capture_of(&*network, host, 65_535));
-    let files = VirtualHost::ALL.map(|host| folder.path().join(format!("{host}.pcap")));
+    let captures = VirtualHost::OF_THE_BALL.map(|host| capture_of(&*network, host, 65_535));
+    let files = VirtualHost::OF_THE_BALL.map(|host| folder.path().join(format!("{host}.pcap")));
     for (capture, file) in captures.iter().zip(&files) {
         capture.begin_window(file.clone(), unix_now_ns()).unwrap();
     }
@@ -157,10 +158,7 @@ fn losses_are_as_asked(pings: &Pings, network: &dyn Network) {
     assert_plausible("one way back", echoed - returned, echoed, 0.0199);
 
     let links = network.links();
-    let (sta1, sta2) = (
-        &links[VirtualHost::Sta1.index()],
-        &links[VirtualHost::Sta2.index()],
-    );
+    let (sta1, sta2) = (&links[1], &links[2]);
     for (name, pass) in [
         ("sta1 up", sta1.up),
         ("sta2 down", sta2.down),
@@ -193,8 +191,8 @@ fn captures_have_what_happened(pings: &Pings, records: &[CaptureRecord; 3], pack
     }
     let [h1, sta1, sta2] = packets;
     let (out, back) = (
-        (VirtualHost::Sta1, VirtualHost::Sta2),
-        (VirtualHost::Sta2, VirtualHost::Sta1),
+        (VirtualHost::STA1, VirtualHost::STA2),
+        (VirtualHost::STA2, VirtualHost::STA1),
     );
     let (sent, echoed) = (stamps(sta1, out), stamps(sta2, out));
     assert_eq!(sent.len() as u64, PINGS);
@@ -237,7 +235,7 @@ fn tcp_gets_most_of_the_bandwidth() {
         seed: Some(7),
         ..NetworkSettings::default()
     });
-    let server = within(&*network, VirtualHost::Sta2, |address| {
+    let server = within(&*network, VirtualHost::STA2, |address| {
         std::net::TcpListener::bind(address).unwrap()
     });
     let bytes = 4_000_000;
@@ -245,8 +243,8 @@ fn tcp_gets_most_of_the_bandwidth() {
         let receiving =
             scope.spawn(|| std::io::copy(&mut server.accept().unwrap().0, &mut std::io::sink()).unwrap());
         let begun = Instant::now();
-        let client = within(&*network, VirtualHost::Sta1, |_| {
-            std::net::TcpStream::connect(address(VirtualHost::Sta2)).unwrap()
+        let client = within(&*network, VirtualHost::STA1, |_| {
+            std::net::TcpStream::connect(address(VirtualHost::STA2)).unwrap()
         });
         std::io::Write::write_all(&mut &client, &vec![1; bytes]).unwrap();
         drop(client);
@@ -265,7 +263,7 @@ fn contiguous_windows() {
         seed: Some(7),
         ..NetworkSettings::default()
     });
-    let capture = capture_of(&*network, VirtualHost::Sta1, 65_535);
+    let capture = capture_of(&*network, VirtualHost::STA1, 65_535);
     let first_ns = unix_now_ns();
     let second_ns = first_ns + 300_000_000;
     let [first, second, never] = ["1", "2", "3"].map(|name| folder.path().join(name));
@@ -304,11 +302,11 @@ fn a_capture_cuts_packets() {
         seed: Some(7),
         ..NetworkSettings::default()
     });
-    let capture = capture_of(&*network, VirtualHost::Sta1, 96);
+    let capture = capture_of(&*network, VirtualHost::STA1, 96);
     capture.begin_window(file.clone(), unix_now_ns()).unwrap();
-    let client = udp(&*network, VirtualHost::Sta1);
+    let client = udp(&*network, VirtualHost::STA1);
     for _ in 0..5 {
-        client.send_to(&[9; 1000], address(VirtualHost::Sta2)).unwrap();
+        client.send_to(&[9; 1000], address(VirtualHost::STA2)).unwrap();
     }
     // Dropped in the middle of a window: what there is of it is completed, and ends the channel.
     let completed = {
@@ -334,8 +332,8 @@ struct Pings {
 
 /// Sends numbered datagrams at a fixed rate and has them sent back.
 fn ping(network: &dyn Network, count: u64) -> Pings {
-    let client = udp(network, VirtualHost::Sta1);
-    let server = udp(network, VirtualHost::Sta2);
+    let client = udp(network, VirtualHost::STA1);
+    let server = udp(network, VirtualHost::STA2);
     let begun = Instant::now();
     let due = |number: u64| PING_EVERY * u32::try_from(number).unwrap();
     let all_sent = AtomicBool::new(false);
@@ -351,7 +349,7 @@ fn ping(network: &dyn Network, count: u64) -> Pings {
             let mut datagram = [0; 16];
             datagram[..8].copy_from_slice(&number.to_be_bytes());
             datagram[8..].copy_from_slice(&(begun.elapsed().as_nanos() as u64).to_be_bytes());
-            client.send_to(&datagram, address(VirtualHost::Sta2)).unwrap();
+            client.send_to(&datagram, address(VirtualHost::STA2)).unwrap();
         }
         all_sent.store(true, Ordering::Relaxed);
         (echoing.join().unwrap(), returning.join().unwrap())
@@ -441,7 +439,8 @@ fn quartiles(values: impl Iterator<Item = f64>) -> [f64; 3] {
 /// The numbers of the datagrams that went from one host to another, and when.
 fn stamps(packets: &[Packet], (from, to): (VirtualHost, VirtualHost)) -> HashMap<u64, i64> {
     let between = |packet: &&Packet| {
-        packet.bytes[26..30] == from.address().octets() && packet.bytes[30..34] == to.address().octets()
+        packet.bytes[26..30] == address_in_the_ball(from).octets()
+            && packet.bytes[30..34] == address_in_the_ball(to).octets()
     };
     let number = |packet: &Packet| u64::from_be_bytes(packet.bytes[42..50].try_into().unwrap());
     packets

@@ -3,6 +3,7 @@
 
 mod argument;
 mod metric;
+mod node;
 mod values;
 
 use std::collections::{BTreeMap, BTreeSet};
@@ -10,11 +11,12 @@ use std::collections::{BTreeMap, BTreeSet};
 use serde::{Deserialize, Serialize};
 
 pub use self::{
-    argument::{Argument, Placeholder, WindowValues},
+    argument::{Argument, Placeholder, Values, WindowValues},
     metric::{Compare, Metric},
+    node::{NodeSettings, Ready, RosMasterSettings},
     values::{MOST_VALUES, ValueError, read_values},
 };
-use crate::{layout, name::name, quantity::TimeSpan, settings::SettingsProblem};
+use crate::{layout, name::name, quantity::TimeSpan, settings::SettingsProblem, topology::Topology};
 
 /// A command, what it needs, and what it measures.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
@@ -42,7 +44,15 @@ pub struct CommandExperiment {
     #[serde(default, skip_serializing_if = "std::ops::Not::not")]
     pub fail_fast: bool,
     /// The command that is run for each window: a program and its arguments, without a shell. Exit code 0 makes a window.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub run: Vec<Argument>,
+    /// Programs that are started in each window on hosts of an emulated network, in place of `run`. The window ends with the last of
+    /// those that are not in the background.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub nodes: Vec<NodeSettings>,
+    /// A ROS master for the nodes, started anew in each window. Left out, there is none.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub ros_master: Option<RosMasterSettings>,
     /// What a window is.
     #[serde(default)]
     pub window: CommandWindow,
@@ -86,11 +96,12 @@ impl CommandExperiment {
     /// More files, arguments, parameters or metrics no experiment has.
     pub const MOST: usize = 100;
 
-    /// What does not fit together.
+    /// What does not fit together, on that network.
     #[must_use]
-    pub fn problems(&self) -> Vec<SettingsProblem> {
+    pub fn problems(&self, topology: &Topology) -> Vec<SettingsProblem> {
         let mut found = self.problems_of_size();
-        found.extend(self.problems_of_commands());
+        found.extend(self.problems_of_commands(topology));
+        found.extend(self.problems_of_nodes(topology));
         let problem = |path: String, (message, hint): (String, &str)| SettingsProblem {
             path: format!("{PREFIX}.{path}").into(),
             message,
@@ -148,7 +159,7 @@ impl CommandExperiment {
                 hint: hint.to_owned(),
             });
         };
-        if self.run.is_empty() {
+        if self.run.is_empty() && self.nodes.is_empty() {
             let hint = "write a program and its arguments as a list, such as `run: [python3, sim/reach.py]`";
             problem("run", "there is no command to run".to_owned(), hint);
         }
@@ -161,6 +172,7 @@ impl CommandExperiment {
             (layout::PREPARE, self.prepare.len()),
             (layout::RESTORE, self.restore.len()),
             ("run", self.run.len()),
+            ("nodes", self.nodes.len()),
             ("parameters", self.parameters.len()),
             ("metrics", self.metrics.len()),
         ];
@@ -184,26 +196,75 @@ impl CommandExperiment {
     }
 
     /// Placeholders without a value.
-    fn problems_of_commands(&self) -> Vec<SettingsProblem> {
+    fn problems_of_commands(&self, topology: &Topology) -> Vec<SettingsProblem> {
         let mut found = Vec::new();
-        let commands = [
-            (layout::PREPARE, &self.prepare),
-            (layout::RESTORE, &self.restore),
-            ("run", &self.run),
-        ];
-        for (name, command) in commands {
+        let hooks = [(layout::PREPARE, &self.prepare), (layout::RESTORE, &self.restore)];
+        let hooks = hooks
+            .into_iter()
+            .map(|(name, command)| (name.to_owned(), command, Runs::Once(name)));
+        let run = ("run".to_owned(), &self.run, Runs::InWindows);
+        let nodes = self.nodes.iter().enumerate();
+        let nodes = nodes.map(|(at, node)| (format!("nodes.{at}.run"), &node.run, Runs::OnHosts(topology)));
+        for (path, command, runs) in hooks.chain([run]).chain(nodes) {
             for (at, argument) in command.iter().enumerate() {
                 let refused = argument
                     .placeholders()
-                    .filter_map(|placeholder| self.refusal(name, placeholder));
+                    .filter_map(|placeholder| self.refusal(runs, placeholder));
                 found.extend(refused.map(|(message, hint)| SettingsProblem {
-                    path: format!("{PREFIX}.{name}.{at}").into(),
+                    path: format!("{PREFIX}.{path}.{at}").into(),
                     message,
                     hint,
                 }));
             }
         }
         found
+    }
+
+    /// Nodes that do not fit together, or do not fit the rest.
+    fn problems_of_nodes(&self, topology: &Topology) -> Vec<SettingsProblem> {
+        let mut found = Vec::new();
+        if !self.nodes.is_empty() && !self.run.is_empty() {
+            let message = "an experiment has a command for each window or nodes, not both".to_owned();
+            let hint = "take `run` out, or make it one of the nodes".to_owned();
+            found.push(("run".to_owned(), message, hint));
+        }
+        if self.nodes.is_empty() && self.ros_master.is_some() {
+            let message = "there are no nodes that a ROS master could be for".to_owned();
+            let hint = "take `ros_master` out, or write `nodes:`".to_owned();
+            found.push(("ros_master".to_owned(), message, hint));
+        }
+        if !self.nodes.is_empty() {
+            found.extend(node::problems(&self.nodes, self.ros_master.as_ref(), topology));
+            let captures: Vec<String> = topology.names().map(|host| layout::capture(&host)).collect();
+            for (at, metric) in self
+                .metrics
+                .iter()
+                .enumerate()
+                .filter(|(_, it)| captures.contains(&it.from))
+            {
+                let message = format!("`{}` is a file that `matrix` writes", metric.from);
+                let hint = "let the node write to a file of another name".to_owned();
+                found.push((format!("metrics.{at}.from"), message, hint));
+            }
+        }
+        let problem = |(path, message, hint)| SettingsProblem {
+            path: format!("{PREFIX}.{path}").into(),
+            message,
+            hint,
+        };
+        found.into_iter().map(problem).collect()
+    }
+
+    /// The files of a window beside its record that `matrix` writes, on that network.
+    #[must_use]
+    pub fn files_of_matrix(&self, topology: &Topology) -> BTreeSet<String> {
+        if self.nodes.is_empty() {
+            return [layout::STDOUT, layout::STDERR].map(str::to_owned).into();
+        }
+        let printed = self.nodes.iter().flat_map(|node| layout::printed_by(&node.name));
+        printed
+            .chain(topology.names().map(|host| layout::capture(&host)))
+            .collect()
     }
 
     /// The names of the files that its metrics are read from, each once.
@@ -213,8 +274,23 @@ impl CommandExperiment {
     }
 
     /// Why a placeholder has no value, and what to write.
-    fn refusal(&self, command: &str, placeholder: &Placeholder) -> Option<(String, String)> {
+    fn refusal(&self, runs: Runs<'_>, placeholder: &Placeholder) -> Option<(String, String)> {
         match placeholder {
+            Placeholder::HostAddress(host) => match runs {
+                Runs::OnHosts(topology) if topology.position(*host).is_some() => None,
+                Runs::OnHosts(topology) => {
+                    let hosts: Vec<String> = topology.names().map(|name| name.to_string()).collect();
+                    let hint = format!(
+                        "write one of {}, or add it to `workload.network.hosts`",
+                        hosts.join(", ")
+                    );
+                    Some((format!("the network has no host `{host}`"), hint))
+                }
+                _ => Some((
+                    format!("`{placeholder}` has no value where there is no network"),
+                    "write it in a command of `nodes:`".to_owned(),
+                )),
+            },
             Placeholder::Parameter(name) if !self.parameters.contains_key(name) => {
                 let known: Vec<&str> = self.parameters.keys().map(String::as_str).collect();
                 let hint = match known.as_slice() {
@@ -227,13 +303,26 @@ impl CommandExperiment {
                 Some((format!("there is no parameter `{name}`"), hint))
             }
             Placeholder::Parameter(_) => None,
-            of_window if command != "run" => Some((
-                format!("`{of_window}` has no value in `{command}`, which runs once for all windows"),
-                "write it in `run`, or leave it out".to_owned(),
-            )),
-            _ => None,
+            of_window => match runs {
+                Runs::Once(command) => Some((
+                    format!("`{of_window}` has no value in `{command}`, which runs once for all windows"),
+                    "write it in `run`, or leave it out".to_owned(),
+                )),
+                _ => None,
+            },
         }
     }
+}
+
+/// When and where a command runs, which decides what its placeholders may be.
+#[derive(Clone, Copy)]
+enum Runs<'a> {
+    /// Once, as the hook of that name.
+    Once(&'static str),
+    /// In each window.
+    InWindows,
+    /// In each window, on hosts of that network.
+    OnHosts(&'a Topology),
 }
 
 #[expect(clippy::trivially_copy_pass_by_ref, reason = "serde passes a reference")]
@@ -270,6 +359,7 @@ mod tests {
     use serde_json::{Value, json};
 
     use super::*;
+    use crate::settings::NetworkSettings;
 
     fn reach() -> Value {
         json!({
@@ -289,7 +379,9 @@ mod tests {
         let mut experiment = reach();
         edit(&mut experiment);
         let experiment: CommandExperiment = serde_json::from_value(experiment).unwrap();
-        let found = experiment.problems().into_iter();
+        let found = experiment
+            .problems(&NetworkSettings::default().topology())
+            .into_iter();
         found
             .map(|problem| (problem.path.into_owned(), problem.message))
             .collect()
@@ -298,7 +390,7 @@ mod tests {
     #[test]
     fn an_experiment_is_written_as_it_was_read() {
         let experiment: CommandExperiment = serde_json::from_value(reach()).unwrap();
-        assert_eq!(experiment.problems(), []);
+        assert_eq!(experiment.problems(&NetworkSettings::default().topology()), []);
         assert_eq!(experiment.window.timeout, TimeSpan::from_secs(600));
         let written = serde_json::to_value(&experiment).unwrap();
         assert_eq!(written["run"], reach()["run"]);
@@ -332,6 +424,14 @@ mod tests {
     #[case::no_time(
         |it: &mut Value| it["window"] = json!({"timeout": "0s"}), "experiment.window.timeout", "a command cannot end in no time"
     )]
+    #[case::no_network(
+        |it: &mut Value| it["run"] = json!(["a", "{hosts.h1.address}"]),
+        "experiment.run.1", "`{hosts.h1.address}` has no value where there is no network"
+    )]
+    #[case::both(|it: &mut Value| it["nodes"] = json!([nodes()[1]]), "experiment.run", "an experiment has a command for each window or nodes, not both")]
+    #[case::master_of_nobody(
+        |it: &mut Value| it["ros_master"] = json!({}), "experiment.ros_master", "there are no nodes that a ROS master could be for"
+    )]
     #[case::many(
         |it: &mut Value| it["files"] = json!(vec!["a"; 101]), "experiment.files", "101 are more than 100"
     )]
@@ -341,6 +441,69 @@ mod tests {
         #[case] message: &str,
     ) {
         assert_eq!(with(edit), [(path.to_owned(), message.to_owned())]);
+    }
+
+    fn nodes() -> Value {
+        json!([
+            {"name": "plant", "host": "sta2", "run": ["./plant"], "ready": {"topic": "/state"}, "background": true},
+            {"name": "controller", "host": "sta1", "run": ["./controller", "{hosts.sta2.address}", "{window.seed}"]},
+        ])
+    }
+
+    fn with_nodes(edit: impl FnOnce(&mut Value)) -> Vec<(String, String)> {
+        with(|it| {
+            it["run"] = json!([]);
+            it["nodes"] = nodes();
+            it["ros_master"] = json!({"program": "rosmaster"});
+            edit(it);
+        })
+    }
+
+    #[test]
+    fn nodes_are_an_experiment() {
+        assert_eq!(with_nodes(|_| ()), []);
+    }
+
+    #[rstest]
+    #[case::host(|it: &mut Value| it["nodes"][0]["host"] = json!("sta3"), "experiment.nodes.0.host", "the network has no host `sta3`")]
+    #[case::address(
+        |it: &mut Value| it["nodes"][1]["run"][1] = json!("{hosts.base.address}"), "experiment.nodes.1.run.1",
+        "the network has no host `base`"
+    )]
+    #[case::twice(|it: &mut Value| it["nodes"][1]["name"] = json!("plant"), "experiment.nodes.1.name", "two nodes are called `plant`")]
+    #[case::nothing(|it: &mut Value| it["nodes"][0]["run"] = json!([]), "experiment.nodes.0.run", "there is no program to start")]
+    #[case::endless(
+        |it: &mut Value| it["nodes"][1]["background"] = json!(true), "experiment.nodes",
+        "all nodes are in the background, and nothing ends the window"
+    )]
+    #[case::no_master(
+        |it: &mut Value| { it.as_object_mut().unwrap().remove("ros_master"); }, "experiment.nodes.0.ready",
+        "there is no ROS master that could know a topic"
+    )]
+    #[case::topic(
+        |it: &mut Value| it["nodes"][0]["ready"] = json!({"topic": "state"}), "experiment.nodes.0.ready", "that is no topic of ROS"
+    )]
+    #[case::port(|it: &mut Value| it["nodes"][0]["ready"] = json!({"port": 0}), "experiment.nodes.0.ready", "that is no port")]
+    #[case::line(
+        |it: &mut Value| it["nodes"][0]["ready"] = json!({"line": " "}), "experiment.nodes.0.ready", "no line is known by that text"
+    )]
+    #[case::master(
+        |it: &mut Value| it["ros_master"] = json!({"host": "h2"}), "experiment.ros_master.host", "the network has no host `h2`"
+    )]
+    #[case::capture(
+        |it: &mut Value| it["metrics"][0]["from"] = json!("sta1.pcap"), "experiment.metrics.0.from",
+        "`sta1.pcap` is a file that `matrix` writes"
+    )]
+    #[case::printed(
+        |it: &mut Value| it["metrics"][0]["from"] = json!("plant.stdout.txt"), "experiment.metrics.0.from",
+        "`plant.stdout.txt` is a file that `matrix` writes"
+    )]
+    fn what_nodes_cannot_be_is_found(
+        #[case] edit: fn(&mut Value),
+        #[case] path: &str,
+        #[case] message: &str,
+    ) {
+        assert_eq!(with_nodes(edit), [(path.to_owned(), message.to_owned())]);
     }
 
     #[test]

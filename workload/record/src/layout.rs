@@ -1,5 +1,7 @@
 //! Names of the files and folders that the workload writes and others read.
 
+use crate::virtual_host::VirtualHost;
+
 /// What the platform was: a [`crate::platform::SurveyRecord`]; in a run directory what the orchestrator makes of it.
 pub const ENVIRONMENT: &str = "environment.json";
 /// How the network was made, as text.
@@ -16,8 +18,6 @@ pub const PLANT_LOG: &str = "plant.csv";
 pub const STDOUT: &str = "stdout.txt";
 /// What it printed on standard error.
 pub const STDERR: &str = "stderr.txt";
-/// The names in a command's window that are not its own to choose.
-pub const OF_A_COMMAND: [&str; 3] = [WINDOW, STDOUT, STDERR];
 /// What the command before the windows printed, a folder.
 pub const PREPARE: &str = "prepare";
 /// What the command after the windows printed, a folder.
@@ -32,6 +32,27 @@ pub const WORK_VARIABLE: &str = "MATRIX_WORK";
 pub const LINES: &str = "lines.jsonl";
 /// Whose a detached workload is ([`crate::detached::Owner`]).
 pub const OWNER: &str = "owner.json";
+
+/// What a node printed in a window, on standard output and on standard error.
+#[must_use]
+pub fn printed_by(node: &VirtualHost) -> [String; 2] {
+    [STDOUT, STDERR].map(|file| format!("{node}.{file}"))
+}
+
+/// Whether a file of a window is what a command or a node printed.
+#[must_use]
+pub fn is_printed(file: &str) -> bool {
+    [STDOUT, STDERR].iter().any(|printed| {
+        let before = file.strip_suffix(printed);
+        before.is_some_and(|before| before.is_empty() || before.ends_with('.'))
+    })
+}
+
+/// The capture of a virtual host in a window.
+#[must_use]
+pub fn capture(host: &VirtualHost) -> String {
+    format!("{host}.pcap")
+}
 
 const WINDOW_FOLDER: &str = "window-";
 
@@ -54,6 +75,15 @@ mod tests {
     use rstest::rstest;
 
     use super::*;
+
+    #[rstest]
+    #[case("stdout.txt", true)]
+    #[case("robot.stderr.txt", true)]
+    #[case("my-stdout.txt", false)]
+    #[case("stdout.txt.csv", false)]
+    fn what_was_printed_is_known_by_its_name(#[case] file: &str, #[case] is_one: bool) {
+        assert_eq!(is_printed(file), is_one);
+    }
 
     #[rstest]
     #[case("window-1", Some(1))]

@@ -1,7 +1,8 @@
 //! What the programs agree on, as types: the workload writes it, `matrix` and its reports read it, and the `fake` provider
 //! writes it too.
 //!
-//! - what a matrix file asks of the workload: [`settings`], [`experiment`], [`quantity`], [`virtual_host`];
+//! - what a matrix file asks of the workload: [`settings`], [`experiment`], [`quantity`], [`virtual_host`],
+//!   [`topology`];
 //! - what the workload leaves behind, one module for each file or stream, with its format and units: [`window`],
 //!   [`control_log`], [`plant_log`], [`platform`], [`progress`], [`check`]; its exit codes are in [`exit`];
 //! - names: of files and folders in [`layout`], of axes in [`axis`], those that are safe in files in [`name`]; errors in words in
@@ -40,6 +41,7 @@ pub mod report_settings;
 #[cfg(feature = "run-directory")]
 pub mod run_directory;
 pub mod settings;
+pub mod topology;
 pub mod transfer;
 pub mod virtual_host;
 pub mod window;

@@ -24,8 +24,8 @@ impl Part {
     #[must_use]
     pub const fn host(self) -> VirtualHost {
         match self {
-            Self::Plant => VirtualHost::Sta2,
-            Self::Controller => VirtualHost::Sta1,
+            Self::Plant => VirtualHost::STA2,
+            Self::Controller => VirtualHost::STA1,
         }
     }
 

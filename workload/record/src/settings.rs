@@ -11,6 +11,7 @@ pub mod validity;
 
 use std::{borrow::Cow, ops::RangeInclusive};
 
+use indexmap::IndexMap;
 use serde::{Deserialize, Serialize};
 
 pub use self::{
@@ -25,6 +26,8 @@ pub use self::{
 use crate::{
     experiment::CommandExperiment,
     quantity::{BitRate, Bytes, Fraction, Frequency, TimeSpan},
+    topology::{self, Link, LinkSettings, Topology, Wanted},
+    virtual_host::VirtualHost,
 };
 
 /// Everything that the experiment inside one environment depends on.
@@ -203,7 +206,7 @@ pub struct PdGains {
     pub kd: f64,
 }
 
-/// How the three virtual hosts are connected. Delay, jitter, loss and rate are applied at both ends of each link.
+/// How the virtual hosts are connected. Delay, jitter, loss and rate are applied at both ends of each link.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 #[serde(deny_unknown_fields, default)]
@@ -227,6 +230,49 @@ pub struct NetworkSettings {
     /// Seed of the losses and the jitter, of the `userspace` network only. When it is left out, each environment draws its own and `window.json` has it.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub seed: Option<u64>,
+    /// The virtual hosts, each with its link to a switch. Their addresses are 10.0.0.1, 10.0.0.2 and so on in this order. Left out,
+    /// they are h1, sta1 and sta2.
+    #[serde(skip_serializing_if = "IndexMap::is_empty")]
+    #[cfg_attr(
+        feature = "schema",
+        schemars(with = "std::collections::BTreeMap<String, LinkSettings>")
+    )]
+    pub hosts: IndexMap<VirtualHost, LinkSettings>,
+    /// The switches, each but the first with its link to one before it. Left out, there is one.
+    #[serde(skip_serializing_if = "IndexMap::is_empty")]
+    #[cfg_attr(
+        feature = "schema",
+        schemars(with = "std::collections::BTreeMap<String, LinkSettings>")
+    )]
+    pub switches: IndexMap<VirtualHost, LinkSettings>,
+}
+
+impl NetworkSettings {
+    /// Who is connected to whom.
+    #[must_use]
+    pub fn topology(&self) -> Topology {
+        Topology::of(&self.wanted(&self.link()))
+    }
+
+    pub(crate) const fn wanted<'a>(&'a self, link: &'a Link) -> Wanted<'a> {
+        Wanted {
+            hosts: &self.hosts,
+            switches: &self.switches,
+            link,
+        }
+    }
+
+    /// What each link does that says nothing of its own.
+    #[must_use]
+    pub const fn link(&self) -> Link {
+        Link {
+            delay: self.delay,
+            jitter: self.jitter,
+            loss: self.loss,
+            bandwidth: self.bandwidth,
+            limit_packets: self.limit_packets,
+        }
+    }
 }
 
 impl Default for NetworkSettings {
@@ -241,6 +287,8 @@ impl Default for NetworkSettings {
             impaired_from: ImpairedFrom::Connection,
             offloads: Offloads::Mininet,
             seed: None,
+            hosts: IndexMap::new(),
+            switches: IndexMap::new(),
         }
     }
 }
@@ -297,11 +345,12 @@ impl Default for RosSettings {
 }
 
 /// Which program is the ROS master.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize)]
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize)]
 #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 #[serde(rename_all = "lowercase")]
 pub enum RosMaster {
     /// The workload's own: nothing has to be installed.
+    #[default]
     Embedded,
     /// ROS's, as Debian packages it (`python3-rosmaster`), started and ended with the run.
     Rosmaster,
@@ -441,6 +490,22 @@ impl Settings {
             .map_or(self.window, |experiment| experiment.window.timeout)
     }
 
+    /// The network that the experiment emulates; none of a command that is on none.
+    #[must_use]
+    pub fn network_in_use(&self) -> Option<&NetworkSettings> {
+        let is_in_use = self.experiment.as_ref().is_none_or(|it| !it.nodes.is_empty());
+        is_in_use.then_some(&self.network)
+    }
+
+    /// The ROS master that the experiment has, if it has one.
+    #[must_use]
+    pub fn master_in_use(&self) -> Option<RosMaster> {
+        match &self.experiment {
+            None => Some(self.ros.master),
+            Some(experiment) => experiment.ros_master.map(|master| master.program),
+        }
+    }
+
     /// Control steps in one period.
     #[must_use]
     pub fn steps_per_period(&self) -> u64 {
@@ -544,10 +609,62 @@ impl Settings {
             );
         }
         match &self.experiment {
-            Some(experiment) => problems.extend(experiment.problems()),
-            None => self.problems_of_the_ball(&mut problems),
+            Some(experiment) => {
+                problems.extend(experiment.problems(&self.network.topology()));
+                if self.network_in_use().is_some() {
+                    self.problems_of_the_network(&mut problems);
+                }
+            }
+            None => {
+                self.problems_of_the_ball(&mut problems);
+                self.problems_of_the_network(&mut problems);
+            }
         }
         problems
+    }
+
+    /// What is wrong with the emulated network and its captures.
+    fn problems_of_the_network(&self, problems: &mut Vec<SettingsProblem>) {
+        let of_the_topology = topology::problems(&self.network.wanted(&self.network.link())).into_iter();
+        problems.extend(of_the_topology.map(|(path, message, hint)| SettingsProblem {
+            path: format!("network.{path}").into(),
+            message,
+            hint,
+        }));
+        let mut problem = |path, message: String, hint: String| {
+            problems.push(SettingsProblem {
+                path: Cow::Borrowed(path),
+                message,
+                hint,
+            });
+        };
+        for refusal in self.network.backend.facts().refusals {
+            if let Some(message) = (refusal.problem)(&self.network) {
+                problem(refusal.path, message, refusal.hint.into());
+            }
+        }
+        if self.capture.snaplen.get() < 96 || self.capture.snaplen.get() > 262_144 {
+            problem(
+                "capture.snaplen",
+                format!(
+                    "{} does not hold the headers, or is more than a packet has",
+                    self.capture.snaplen
+                ),
+                "write a size from `96B` to `256KiB`".into(),
+            );
+        }
+        if self
+            .capture
+            .filter
+            .as_ref()
+            .is_some_and(|filter| filter.trim().is_empty())
+        {
+            problem(
+                "capture.filter",
+                "an empty expression names no packets".into(),
+                "leave it out to capture all packets, or write an expression such as `tcp`".into(),
+            );
+        }
     }
 
     /// What is wrong with what only the ball on the plate has.
@@ -602,43 +719,11 @@ impl Settings {
                 "write a time below one step".into(),
             );
         }
-        if self.network.jitter > self.network.delay {
-            problem(
-                "network.jitter",
-                format!(
-                    "jitter of {} about a delay of {} would be negative at times",
-                    self.network.jitter, self.network.delay
-                ),
-                format!("write at most `{}`", self.network.delay),
-            );
-        }
-        for refusal in self.network.backend.facts().refusals {
-            if let Some(message) = (refusal.problem)(&self.network) {
-                problem(refusal.path, message, refusal.hint.into());
-            }
-        }
-        if self.network.limit_packets == 0 {
-            problem(
-                "network.limit_packets",
-                "a queue of no packets passes none".into(),
-                "write `1000`".into(),
-            );
-        }
         if self.realtime.priority > 99 {
             problem(
                 "realtime.priority",
                 format!("{} is above the highest priority", self.realtime.priority),
                 "write 1 to 99, or 0 for the ordinary scheduler".into(),
-            );
-        }
-        if self.capture.snaplen.get() < 96 || self.capture.snaplen.get() > 262_144 {
-            problem(
-                "capture.snaplen",
-                format!(
-                    "{} does not hold the headers, or is more than a packet has",
-                    self.capture.snaplen
-                ),
-                "write a size from `96B` to `256KiB`".into(),
             );
         }
         for (path, message, hint) in self.contradictions() {
@@ -652,16 +737,12 @@ impl Settings {
                 "write a positive number of degrees, or `never`".into(),
             );
         }
-        if self
-            .capture
-            .filter
-            .as_ref()
-            .is_some_and(|filter| filter.trim().is_empty())
-        {
+        if !self.network.topology().names().eq(VirtualHost::OF_THE_BALL) {
+            let [h1, sta1, sta2] = VirtualHost::OF_THE_BALL;
             problem(
-                "capture.filter",
-                "an empty expression names no packets".into(),
-                "leave it out to capture all packets, or write an expression such as `tcp`".into(),
+                "network.hosts",
+                "the ball on the plate has other hosts".into(),
+                format!("write `{h1}`, `{sta1}` and `{sta2}`, in this order, each with its link"),
             );
         }
         for (path, value, positive) in [

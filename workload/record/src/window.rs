@@ -44,7 +44,7 @@ pub struct WindowRecord {
     /// again.
     #[serde(default)]
     pub network_seed: Option<u64>,
-    /// The links, in [`VirtualHost::ALL`]'s order.
+    /// The links, in [`VirtualHost::OF_THE_BALL`]'s order.
     pub links: Vec<LinkRecord>,
     /// What happened between the ROS master and nodes and their peers.
     #[serde(default)]
@@ -110,8 +110,8 @@ pub struct LoopsRecord {
     pub log_dropped: u64,
 }
 
-/// How a command ended, and what it took.
-#[derive(Debug, Clone, Copy, Default, PartialEq, Serialize, Deserialize)]
+/// How a command ended, and what it took: of nodes, all of them together.
+#[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
 pub struct CommandRecord {
     /// Its exit code; none if it was ended.
     pub exit_code: Option<i32>,
@@ -125,6 +125,32 @@ pub struct CommandRecord {
     pub stderr_bytes: u64,
     /// Processes that it left behind and that were ended.
     pub left_behind: u64,
+    /// The nodes, where the experiment has some, in the order in which they were started.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub nodes: Vec<NodeRecord>,
+}
+
+/// A program on a virtual host: how it ended, and what it took.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct NodeRecord {
+    /// As the matrix file names it.
+    pub name: VirtualHost,
+    /// Where it ran.
+    pub host: VirtualHost,
+    /// Its exit code; none if a signal ended it, such as that which ends a node in the background.
+    pub exit_code: Option<i32>,
+    /// That signal.
+    pub signal: Option<i32>,
+    /// From the beginning of the window until it was ready; none if it never was.
+    pub ready_after_ns: Option<u64>,
+    /// Processors' time of it and all that it started and waited for, in user and in system mode.
+    pub cpu_ns: u64,
+    /// The most memory that one of these processes had at once, in bytes.
+    pub peak_memory_bytes: u64,
+    /// What it printed on standard output, of which the file has the beginning and the end.
+    pub stdout_bytes: u64,
+    /// The same of standard error.
+    pub stderr_bytes: u64,
 }
 
 /// A record says what no run can have.

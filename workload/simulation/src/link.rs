@@ -24,7 +24,7 @@
 use std::{cmp::Reverse, collections::BinaryHeap};
 
 use oorandom::Rand64;
-use record::settings::NetworkSettings;
+use record::topology::Link;
 
 /// The depth of HTB's bucket that decides: `tc`'s default for `cburst`, its assumed MTU.
 const BURST_BYTES: u64 = 1600;
@@ -55,14 +55,14 @@ impl Impairment {
     };
 }
 
-impl From<&NetworkSettings> for Impairment {
-    fn from(settings: &NetworkSettings) -> Self {
+impl From<&Link> for Impairment {
+    fn from(link: &Link) -> Self {
         Self {
-            delay_ns: settings.delay.as_nanos(),
-            jitter_ns: settings.jitter.as_nanos(),
-            loss: settings.loss.probability(),
-            bits_per_second: settings.bandwidth.bits_per_second(),
-            limit: usize::try_from(settings.limit_packets).unwrap_or(usize::MAX),
+            delay_ns: link.delay.as_nanos(),
+            jitter_ns: link.jitter.as_nanos(),
+            loss: link.loss.probability(),
+            bits_per_second: link.bandwidth.bits_per_second(),
+            limit: usize::try_from(link.limit_packets).unwrap_or(usize::MAX),
         }
     }
 }

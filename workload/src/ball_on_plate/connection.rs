@@ -11,6 +11,7 @@ use std::{
 
 use record::{
     settings::{PlantSends, Settings},
+    topology::address_in_the_ball,
     virtual_host::VirtualHost,
 };
 use simulation::message::{StateEncoder, Topic};
@@ -75,7 +76,7 @@ impl Side<PlantEnds> {
     pub fn open_plant(settings: &Settings, master_uri: &str, notices: Notices) -> Result<Self, RosError> {
         let messages = settings.ros.messages;
         let (states, commands) = (Topic::of_states(messages), Topic::of_commands(messages));
-        let node = Node::start(config("/plant", VirtualHost::Sta2, settings, master_uri, notices))?;
+        let node = Node::start(config("/plant", VirtualHost::STA2, settings, master_uri, notices))?;
         let publisher = node.advertise(states.name, states.message_type)?;
         let subscribers = publisher.subscribers();
         let (writer, reader) = latest_value::commands();
@@ -124,7 +125,7 @@ impl Side<ControllerEnds> {
         let (states, commands) = (Topic::of_states(messages), Topic::of_commands(messages));
         let node = Node::start(config(
             "/controller",
-            VirtualHost::Sta1,
+            VirtualHost::STA1,
             settings,
             master_uri,
             notices,
@@ -163,7 +164,7 @@ fn config(
         receiver_setup: Some(Arc::new(move || {
             let _ = request_fifo(priority);
         })),
-        ..NodeConfig::new(name, host.address(), master_uri)
+        ..NodeConfig::new(name, address_in_the_ball(host), master_uri)
     }
 }
 

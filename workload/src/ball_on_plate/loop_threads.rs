@@ -98,10 +98,13 @@ impl LoopThread {
             let (schedule, shared) = to_begin.recv().ok()?;
             run(&schedule, &shared)
         });
-        let thread = thread.map_err(|source| ExperimentError::Thread { name, source })?;
+        let thread = thread.map_err(|source| ExperimentError::Thread {
+            name: name.into(),
+            source,
+        })?;
         let grant = granted
             .recv()
-            .map_err(|_| ExperimentError::ThreadEnded { name })?;
+            .map_err(|_| ExperimentError::ThreadEnded { name: name.into() })?;
         Ok((Self { name, begins, thread }, grant))
     }
 
@@ -110,7 +113,9 @@ impl LoopThread {
     /// # Errors
     /// If it has ended.
     pub fn begin(&self, schedule: Schedule, shared: &Shared) -> Result<(), ExperimentError> {
-        let ended = ExperimentError::ThreadEnded { name: self.name };
+        let ended = ExperimentError::ThreadEnded {
+            name: self.name.into(),
+        };
         self.begins.send((schedule, shared.clone())).map_err(|_| ended)
     }
 
@@ -121,9 +126,9 @@ impl LoopThread {
     /// If it ended in a panic.
     pub fn join(self) -> Result<Option<Publisher>, ExperimentError> {
         drop(self.begins);
-        self.thread
-            .join()
-            .map_err(|_| ExperimentError::ThreadEnded { name: self.name })
+        self.thread.join().map_err(|_| ExperimentError::ThreadEnded {
+            name: self.name.into(),
+        })
     }
 }
 

@@ -1,11 +1,17 @@
 //! What the workload and a node that is a process of its own say to each other, as lines of JSON: [`Order`] on the node's
 //! standard input, [`Report`] on its standard output. When its input ends, the node closes its connections and ends.
 
+use std::net::Ipv4Addr;
+
 use record::{
-    control_log::ControlRow, plant_log::PlantRow, platform::RealtimeGrant, virtual_host::VirtualHost,
+    control_log::ControlRow, plant_log::PlantRow, platform::RealtimeGrant, topology,
+    virtual_host::VirtualHost,
 };
 use serde::{Deserialize, Serialize};
 use simulation::schedule::Schedule;
+
+/// Where the master is: on the first host.
+pub const MASTER: (VirtualHost, Ipv4Addr) = (VirtualHost::H1, topology::address(0));
 
 /// Which program a process is.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -27,8 +33,8 @@ impl Program {
     pub const fn host(self) -> VirtualHost {
         match self {
             Self::Master => VirtualHost::H1,
-            Self::Plant => VirtualHost::Sta2,
-            Self::Controller => VirtualHost::Sta1,
+            Self::Plant => VirtualHost::STA2,
+            Self::Controller => VirtualHost::STA1,
         }
     }
 

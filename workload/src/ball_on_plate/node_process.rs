@@ -25,13 +25,11 @@ use record::{control_log::ControlRow, plant_log::PlantRow, platform::RealtimeGra
 use rtrb::Producer;
 use simulation::schedule::Schedule;
 
-use super::{
-    master::RunningMaster,
-    node_messages::{Order, Program, Report},
-};
+use super::node_messages::{Order, Program, Report};
 use crate::experiment::ExperimentError;
 use crate::{
     child_process,
+    hosts::RunningMaster,
     ros::{Notice, Notices},
 };
 
@@ -115,10 +113,13 @@ impl NodeProcess {
             };
             attendant.follow(child);
         });
-        let attendant = thread.map_err(|source| ExperimentError::Thread { name, source })?;
+        let attendant = thread.map_err(|source| ExperimentError::Thread {
+            name: name.into(),
+            source,
+        })?;
         let pid = to_start
             .recv()
-            .map_err(|_| ExperimentError::ThreadEnded { name })?
+            .map_err(|_| ExperimentError::ThreadEnded { name: name.into() })?
             .map_err(|source| ExperimentError::Process { name, source })?;
         Ok(Self {
             program,

@@ -25,11 +25,11 @@ use super::{
     connection::{Side, TIMEOUT, Tenancy},
     loop_threads::LoopThread,
     loops::Shared,
-    master,
-    node_messages::{Order, Program, Report},
+    node_messages::{MASTER, Order, Program, Report},
 };
 use crate::experiment::ExperimentError;
 use crate::{
+    hosts,
     realtime::lock_memory,
     ros::{Notice, Notices},
 };
@@ -65,13 +65,13 @@ fn try_serve(program: Program, settings: &Settings) -> Result<(), ExperimentErro
     match program {
         Program::Master => serve_master(&told, notices),
         Program::Plant => {
-            let side = Side::open_plant(settings, &master::uri(), notices)?;
+            let side = Side::open_plant(settings, &hosts::uri(MASTER.1), notices)?;
             serve_loop(settings, &told, side, LoopThread::plant, |rows| Report::Plant {
                 rows,
             })
         }
         Program::Controller => {
-            let side = Side::open_controller(settings, &master::uri(), notices)?;
+            let side = Side::open_controller(settings, &hosts::uri(MASTER.1), notices)?;
             serve_loop(settings, &told, side, LoopThread::controller, |rows| {
                 Report::Control { rows }
             })
@@ -88,7 +88,7 @@ struct Told {
 }
 
 fn serve_master(told: &Told, notices: Notices) -> Result<(), ExperimentError> {
-    let master = master::start(RosMaster::Embedded, notices)?;
+    let master = hosts::start_master(RosMaster::Embedded, MASTER, notices)?;
     say(&Report::Connected);
     while told.orders.wait(DRAIN_EVERY) {
         say_notices(&told.queue);
@@ -193,7 +193,10 @@ impl Orders {
             }
             stop.store(true, Ordering::Relaxed);
         });
-        reader.map_err(|source| ExperimentError::Thread { name, source })?;
+        reader.map_err(|source| ExperimentError::Thread {
+            name: name.into(),
+            source,
+        })?;
         Ok(Self { begins })
     }
 

@@ -25,14 +25,14 @@ use super::{
     connection::{ControllerEnds, PlantEnds, Side, TIMEOUT, Tenancy},
     loop_threads::{LoopThread, queue_capacity},
     loops::Shared,
-    master::{self, RunningMaster},
-    namespace_thread::{begin_on_host, on_host, outcome_of},
-    node_messages::Program,
+    node_messages::{MASTER, Program},
     node_process::{Given, NodeProcess, Rows},
-    notices::NoticeQueue,
 };
-use crate::experiment::ExperimentError;
-use crate::network::Network;
+use crate::{
+    experiment::ExperimentError,
+    hosts::{self, NoticeQueue, RunningMaster, begin_on_host, on_host, outcome_of},
+    network::Network,
+};
 
 /// Master and nodes, connected by their topics both ways.
 pub struct Nodes {
@@ -94,20 +94,22 @@ impl Nodes {
             stop,
             ..
         } = *setting;
-        let [h1, sta1, sta2] = VirtualHost::ALL.map(|host| board.of(host));
+        let [h1, sta1, sta2] = VirtualHost::OF_THE_BALL.map(|host| board.of(host));
         let program = settings.ros.master;
-        let master = on_host(network, VirtualHost::H1, move || master::start(program, h1))?;
-        let uri = master::uri();
+        let master = on_host(network, VirtualHost::H1, move || {
+            hosts::start_master(program, MASTER, h1)
+        })?;
+        let uri = hosts::uri(MASTER.1);
         let (of_plant, uri_of_plant) = (settings.clone(), uri.clone());
-        let plant = begin_on_host(network, VirtualHost::Sta2, move || {
+        let plant = begin_on_host(network, VirtualHost::STA2, move || {
             Ok(Side::open_plant(&of_plant, &uri_of_plant, sta2)?)
         })?;
         let of_controller = settings.clone();
-        let controller = on_host(network, VirtualHost::Sta1, move || {
+        let controller = on_host(network, VirtualHost::STA1, move || {
             Ok(Side::open_controller(&of_controller, &uri, sta1)?)
         });
         // Waited for in any case.
-        let plant = outcome_of(plant, VirtualHost::Sta2);
+        let plant = outcome_of(plant, VirtualHost::STA2);
         let (controller, plant) = (controller?, plant?);
         let connected = plant.wait(deadline, stop)? && controller.wait(deadline, stop)?;
         if connected {
@@ -203,7 +205,7 @@ fn start_master(
         RosMaster::Rosmaster => {
             let notices = setting.board.of(VirtualHost::H1);
             on_host(setting.network, VirtualHost::H1, move || {
-                master::start(RosMaster::Rosmaster, notices)
+                hosts::start_master(RosMaster::Rosmaster, MASTER, notices)
             })
             .map(Some)
         }

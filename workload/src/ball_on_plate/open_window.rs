@@ -13,12 +13,10 @@ use record::{
     window::{CaptureRecord, LoopRecord, LoopsRecord, NoticesRecord, OfExperiment, Verdict, WindowRecord},
 };
 
-use super::{
-    log_file::{ControlFile, PlantFile, RowCounts, Steps},
-    notices::News,
-};
+use super::log_file::{ControlFile, PlantFile, RowCounts, Steps};
 use crate::capture::CapturedWindow;
 use crate::experiment::{ExperimentError, snapshot::Snapshot, window_folder::WindowFolder};
+use crate::hosts::News;
 
 /// What does not change from one window to the next.
 #[derive(Debug, Clone, PartialEq)]
@@ -171,9 +169,7 @@ impl OpenWindow {
 
     /// What has happened between nodes and peers.
     pub fn add_news(&mut self, news: News) {
-        let room = NoticesRecord::MOST.saturating_sub(self.notices.first.len());
-        self.notices.count += news.texts.len() as u64 + news.forgotten;
-        self.notices.first.extend(news.texts.into_iter().take(room));
+        news.add_to(&mut self.notices);
     }
 
     /// Something went wrong that its numbers do not show: a reason, a sentence.

@@ -23,7 +23,6 @@ use rtrb::Consumer;
 
 use super::{
     loops::Shared,
-    notices::NoticeQueue,
     open_window::{ClosedWindow, OpenWindow, WindowShape, WindowSpan},
 };
 use crate::experiment::{
@@ -33,6 +32,7 @@ use crate::experiment::{
 };
 use crate::{
     capture::Capture,
+    hosts::NoticeQueue,
     network::Network,
     realtime::{monotonic_ns, priority::step_back, sleep_until, unix_ns},
 };
@@ -147,7 +147,10 @@ impl<'a> Recorder<'a> {
                     step_back();
                     seal_all(&to_seal, reporter)
                 });
-            let sealer = sealer.map_err(|source| ExperimentError::Thread { name, source })?;
+            let sealer = sealer.map_err(|source| ExperimentError::Thread {
+                name: name.into(),
+                source,
+            })?;
             let recorded = self.record(&closed);
             if let Err(failure) = &recorded {
                 self.cut(failure, &closed);
@@ -156,7 +159,7 @@ impl<'a> Recorder<'a> {
             // What kept the sealer from sealing is the cause of what kept the recorder from handing over.
             sealer
                 .join()
-                .unwrap_or(Err(ExperimentError::ThreadEnded { name }))?;
+                .unwrap_or(Err(ExperimentError::ThreadEnded { name: name.into() }))?;
             recorded
         });
         if outcome.is_err() {
@@ -371,7 +374,9 @@ impl<'a> Recorder<'a> {
             self.close_last(self.starts_ns(self.next_position), true)?;
             Ok(Ending::Finished)
         } else {
-            Err(ExperimentError::ThreadEnded { name: "controller" })
+            Err(ExperimentError::ThreadEnded {
+                name: "controller".into(),
+            })
         }
     }
 
@@ -441,7 +446,9 @@ impl<'a> Recorder<'a> {
             };
             let window = window.close(&ended, &span, log_dropped)?;
             if closed.send(window).is_err() {
-                return Err(ExperimentError::ThreadEnded { name: "sealer" });
+                return Err(ExperimentError::ThreadEnded {
+                    name: "sealer".into(),
+                });
             }
         }
         Ok(())

@@ -24,14 +24,17 @@ use super::{
     emulator_priority,
     loop_threads::LoopThread,
     loops::Shared,
-    master,
-    namespace_entries::NamespaceEntries,
-    namespace_thread::on_host,
     nanoseconds,
-    notices::NoticeQueue,
+    node_messages::MASTER,
 };
 use crate::experiment::{ExperimentError, Reporter};
-use crate::{capabilities::drop_unneeded, network, realtime::monotonic_ns, ros::Notices};
+use crate::{
+    capabilities::drop_unneeded,
+    hosts::{self, NamespaceEntries, NoticeQueue, on_host},
+    network,
+    realtime::monotonic_ns,
+    ros::Notices,
+};
 
 /// How often it is looked whether it is to end, and what there is to say.
 const LOOK_EVERY: Duration = Duration::from_millis(100);
@@ -53,11 +56,13 @@ pub fn rehearse(
     network.impair()?;
     let _entries = NamespaceEntries::open(network)?;
     reporter.say(&Progress::NetworkUp);
-    let mut board = NoticeQueue::new();
+    let mut board = NoticeQueue::on(VirtualHost::OF_THE_BALL);
     let notices = board.of(VirtualHost::H1);
     let program = settings.ros.master;
-    let master = on_host(network, VirtualHost::H1, move || master::start(program, notices))?;
-    let uri = master::uri();
+    let master = on_host(network, VirtualHost::H1, move || {
+        hosts::start_master(program, MASTER, notices)
+    })?;
+    let uri = hosts::uri(MASTER.1);
     let mut tenancies = Vec::new();
     let mut threads = Vec::new();
     let parts: Vec<_> = Part::ALL

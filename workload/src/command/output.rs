@@ -3,6 +3,10 @@
 use std::{
     collections::VecDeque,
     io::{self, Read, Write},
+    sync::{
+        Arc,
+        atomic::{AtomicBool, Ordering},
+    },
 };
 
 /// Bytes that are kept of the beginning, and as many of the end.
@@ -19,13 +23,19 @@ pub struct Kept {
 
 impl Kept {
     /// Reads a stream to its end, whatever is in it.
-    pub fn read(mut from: impl Read) -> Self {
+    pub fn read(mut from: impl Read, mut sought: Option<Sought>) -> Self {
         let mut kept = Self::default();
         let mut buffer = vec![0; 64 << 10];
         loop {
             match from.read(&mut buffer) {
                 Ok(0) => return kept,
-                Ok(count) => kept.add(buffer.get(..count).unwrap_or_default()),
+                Ok(count) => {
+                    let part = buffer.get(..count).unwrap_or_default();
+                    kept.add(part);
+                    if let Some(sought) = &mut sought {
+                        sought.look(part);
+                    }
+                }
                 Err(error) if error.kind() == io::ErrorKind::Interrupted => {}
                 // What was there is kept.
                 Err(_) => return kept,
@@ -78,6 +88,43 @@ impl Kept {
     }
 }
 
+/// A text that is looked for while a stream is read. A line that has not ended yet may have it.
+#[derive(Debug)]
+pub struct Sought {
+    text: Vec<u8>,
+    found: Arc<AtomicBool>,
+    /// The end of what came before, which may be the beginning of the text.
+    tail: Vec<u8>,
+}
+
+impl Sought {
+    /// Sets `found` once the text has come.
+    #[must_use]
+    pub fn new(text: &str, found: &Arc<AtomicBool>) -> Self {
+        Self {
+            text: text.as_bytes().to_vec(),
+            found: Arc::clone(found),
+            tail: Vec::new(),
+        }
+    }
+
+    fn look(&mut self, part: &[u8]) {
+        if self.found.load(Ordering::Relaxed) {
+            return;
+        }
+        self.tail.extend_from_slice(part);
+        if self
+            .tail
+            .windows(self.text.len().max(1))
+            .any(|window| window == self.text)
+        {
+            self.found.store(true, Ordering::Relaxed);
+        }
+        let kept = self.text.len().saturating_sub(1);
+        self.tail.drain(..self.tail.len().saturating_sub(kept));
+    }
+}
+
 #[cfg(test)]
 mod tests {
     use rstest::rstest;
@@ -92,7 +139,7 @@ mod tests {
 
     #[test]
     fn what_fits_is_kept_as_it_is() {
-        let kept = Kept::read(&b"one\n\xfftwo"[..]);
+        let kept = Kept::read(&b"one\n\xfftwo"[..], None);
         assert_eq!(written(&kept), b"one\n\xfftwo");
         assert_eq!(kept.bytes, 8);
     }
@@ -100,7 +147,7 @@ mod tests {
     #[test]
     fn of_a_long_stream_the_ends_are_kept_and_how_much_is_missing_is_said() {
         let bytes: Vec<u8> = (0..3 * HALF).map(|at| b'a' + (at / HALF) as u8).collect();
-        let kept = Kept::read(bytes.as_slice());
+        let kept = Kept::read(bytes.as_slice(), None);
         let text = String::from_utf8(written(&kept)).unwrap();
         assert_eq!(kept.bytes, 3 * HALF as u64);
         let between = format!("\n[matrix: {HALF} bytes are left out here]\n");
@@ -118,11 +165,25 @@ mod tests {
     #[case("a\nb\nc\nd\n", "b | c | d")]
     #[case("\u{1b}[31mred\u{7}", "\u{fffd}[31mred\u{fffd}")]
     fn last_words_are_the_last_lines_in_one(#[case] printed: &str, #[case] words: &str) {
-        assert_eq!(Kept::read(printed.as_bytes()).last_words(300), words);
+        assert_eq!(Kept::read(printed.as_bytes(), None).last_words(300), words);
     }
 
     #[test]
     fn last_words_are_bounded() {
-        assert_eq!(Kept::read(&b"0123456789"[..]).last_words(4), "6789");
+        assert_eq!(Kept::read(&b"0123456789"[..], None).last_words(4), "6789");
+    }
+
+    #[rstest]
+    #[case(&["started", " listening on 80\n"], true)]
+    #[case(&["lis", "ten", "ing"], true)]
+    #[case(&["listenin", "G"], false)]
+    #[case(&[], false)]
+    fn a_text_is_found_however_it_comes(#[case] parts: &[&str], #[case] is_found: bool) {
+        let found = Arc::new(AtomicBool::new(false));
+        let mut sought = Sought::new("listening", &found);
+        for part in parts {
+            sought.look(part.as_bytes());
+        }
+        assert_eq!(found.load(Ordering::Relaxed), is_found);
     }
 }

@@ -1,6 +1,6 @@
 //! What can end the experiment early. The main type is [`ExperimentError`].
 
-use std::{io, path::PathBuf};
+use std::{borrow::Cow, io, path::PathBuf};
 
 use record::{
     limits::{self, LimitError},
@@ -39,7 +39,7 @@ pub enum ExperimentError {
     #[error("the thread `{name}` could not be started")]
     Thread {
         /// The thread's name.
-        name: &'static str,
+        name: Cow<'static, str>,
         /// What the system said.
         source: io::Error,
     },
@@ -47,7 +47,7 @@ pub enum ExperimentError {
     #[error("the thread `{name}` ended early")]
     ThreadEnded {
         /// The thread's name.
-        name: &'static str,
+        name: Cow<'static, str>,
     },
     /// A process could not be started.
     #[error("the process of the {name} could not be started")]

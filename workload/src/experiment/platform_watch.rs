@@ -46,7 +46,10 @@ impl PlatformWatch {
             step_back();
             look(path, master, &granted)
         });
-        let first_look = first_look.map_err(|source| ExperimentError::Thread { name, source })?;
+        let first_look = first_look.map_err(|source| ExperimentError::Thread {
+            name: name.into(),
+            source,
+        })?;
         Ok(Self { grants, first_look })
     }
 
@@ -63,7 +66,9 @@ impl PlatformWatch {
     pub fn finish(self) -> Result<Vec<PlatformChange>, ExperimentError> {
         drop(self.grants);
         let first = self.first_look.join();
-        let first = first.unwrap_or(Err(ExperimentError::ThreadEnded { name: "platform" }))?;
+        let first = first.unwrap_or(Err(ExperimentError::ThreadEnded {
+            name: "platform".into(),
+        }))?;
         first.map_or(Ok(Vec::new()), KnownPlatform::finish)
     }
 }

@@ -45,7 +45,7 @@ impl WindowFolder {
     /// Where a host's capture goes.
     #[must_use]
     pub fn capture(&self, host: VirtualHost) -> PathBuf {
-        self.0.join(format!("{host}.pcap"))
+        self.0.join(layout::capture(&host))
     }
 
     /// Removes the folder of a window that never began. What is in it, if anything is, stays.

@@ -2,18 +2,21 @@
 
 use std::io;
 
-use record::{virtual_host::VirtualHost, window::LinkRecord};
+use record::{topology::Topology, virtual_host::VirtualHost, window::LinkRecord};
 
 use super::{error::NetworkError, namespace::Work, release_lateness::ReleaseCounts};
 
-/// Three hosts and the links between them, up from [`super::open`] until it is dropped.
+/// Hosts and the links between them, up from [`super::open`] until it is dropped.
 pub trait Network: Send + Sync {
+    /// Its hosts, switches and links.
+    fn topology(&self) -> &Topology;
+
     /// Moves the calling thread into the host's network namespace: sockets it opens from now on are there, those
     /// opened before stay where they are. Threads that it starts later are there, too. The thread must have
     /// CAP_SYS_ADMIN; the experiment, which has not, uses [`super::spawn`].
     ///
     /// # Errors
-    /// If the kernel refuses.
+    /// If the kernel refuses, or there is no such host.
     fn enter(&self, host: VirtualHost) -> Result<(), NetworkError>;
 
     /// Has a thread that is in the host's namespace do something short, sometime. [`super::spawn`] is what it is for.
@@ -22,9 +25,6 @@ pub trait Network: Send + Sync {
     /// If there is no such thread.
     fn give(&self, host: VirtualHost, work: Work) -> io::Result<()>;
 
-    /// The name of the host's interface, inside its namespace.
-    fn interface(&self, host: VirtualHost) -> String;
-
     /// From now on every link delays, loses and limits as the settings say. A network that was opened carries without
     /// delay or loss until then; [`ImpairedFrom`](record::settings::ImpairedFrom) says why. Once is enough.
     ///
@@ -32,7 +32,7 @@ pub trait Network: Send + Sync {
     /// If the platform refuses.
     fn impair(&self) -> Result<(), NetworkError>;
 
-    /// What went through the links since the network came up, in [`VirtualHost::ALL`]'s order.
+    /// What went through the links since the network came up, in [`Topology::links`]' order.
     fn links(&self) -> Vec<LinkRecord>;
 
     /// What losses and delays are drawn from, given or drawn itself; none if they cannot be drawn again.

@@ -24,7 +24,7 @@ use nix::{
     sys::socket::{AddressFamily, SockFlag, SockType, socket},
     unistd,
 };
-use record::virtual_host::VirtualHost;
+use record::topology::{Topology, address, mac};
 
 use super::{error::NetworkError, ipv6, namespace::errno};
 
@@ -46,13 +46,22 @@ pub struct Interface {
 }
 
 impl Interface {
-    /// That of a virtual host.
-    #[must_use]
-    pub fn of(host: VirtualHost) -> Self {
-        Self {
+    /// That of the host in that position, and those of all others.
+    ///
+    /// # Errors
+    /// If the topology has no such host.
+    pub fn and_neighbours(topology: &Topology, position: usize) -> Result<(Self, Vec<Self>), NetworkError> {
+        let interfaces = topology.names().enumerate().map(|(at, host)| Self {
             name: host.interface(),
-            mac: host.mac(),
-            address: host.address(),
+            mac: mac(at),
+            address: address(at),
+        });
+        let mut others: Vec<Self> = interfaces.collect();
+        match position < others.len() {
+            true => Ok((others.remove(position), others)),
+            false => Err(NetworkError::NoHost {
+                host: position.to_string(),
+            }),
         }
     }
 }

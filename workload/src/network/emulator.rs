@@ -1,4 +1,4 @@
-//! Drives a [`Star`] in real time: reads what the hosts send from their TAP devices and writes what is due. The main
+//! Drives a [`Fabric`] in real time: reads what the hosts send from their TAP devices and writes what is due. The main
 //! type is [`Emulator`].
 //!
 //! One thread does it all. It sleeps in ppoll(2) until a host sends or the next packet is due, with the kernel's timer
@@ -23,15 +23,14 @@ use nix::{
         time::TimeSpec,
     },
 };
-use record::{virtual_host::VirtualHost, window::LinkRecord};
-use simulation::link::Impairment;
+use record::window::LinkRecord;
 
 use super::{
     device::Tap,
     error::NetworkError,
+    fabric::{Delivery, FRAME_BYTES, Fabric},
     namespace::errno,
     release_lateness::{ReleaseCounts, ReleaseLateness},
-    star::{Delivery, FRAME_BYTES, Star},
 };
 use crate::{capabilities::drop_unneeded, realtime::priority::request_fifo};
 
@@ -54,50 +53,42 @@ pub struct Emulator {
 /// What others may know of the emulator.
 #[derive(Debug, Clone)]
 struct Status {
-    links: [LinkRecord; 3],
+    links: Vec<LinkRecord>,
     failure: Option<NetworkError>,
 }
 
 impl Emulator {
-    /// Starts carrying packets between the hosts' devices, which are in [`VirtualHost::ALL`]'s order; the links are
+    /// Starts carrying packets between the hosts' devices, which are in the topology's order; the links are
     /// impaired from [`Self::impair`] on. The thread asks for the SCHED_FIFO priority if it is not 0, and goes on without it where it is refused.
     ///
     /// # Errors
     /// If the thread cannot be started.
-    pub fn start(
-        taps: [Tap; 3],
-        star: Star,
-        impairment: Impairment,
-        fifo_priority: u8,
-    ) -> Result<Self, NetworkError> {
-        let status = Arc::new(Mutex::new(Status {
-            links: star.links(),
-            failure: None,
-        }));
-        let release_lateness = star.release_lateness();
+    pub fn start(taps: Vec<Tap>, fabric: Fabric, fifo_priority: u8) -> Result<Self, NetworkError> {
+        let mut links = Vec::new();
+        fabric.record_links(&mut links);
+        let status = Arc::new(Mutex::new(Status { links, failure: None }));
+        let release_lateness = fabric.release_lateness();
         let stop = EventFd::from_flags(EfdFlags::EFD_CLOEXEC | EfdFlags::EFD_NONBLOCK);
         let stop = Arc::new(stop.map_err(|source| NetworkError::Thread { source })?);
         let impaired = Arc::new(AtomicBool::new(false));
-        let mut carrier = Carrier {
-            taps,
-            star,
-            pending: Some(PendingImpairment {
-                impairment,
-                wanted: impaired.clone(),
-            }),
-            clock: Clock::start(),
-            status: status.clone(),
-            published: true,
-        };
-        let stopped = stop.clone();
+        let clock = Clock::start();
+        let (stopped, wanted, told) = (stop.clone(), impaired.clone(), status.clone());
         let thread = thread::Builder::new().name("emulator".into()).spawn(move || {
             // It was started before the right to make namespaces was given up.
             drop_unneeded();
             // Neither is an error: what was granted of the real-time wishes is asked and recorded by the experiment.
             let _ = prctl::set_timerslack(1);
             let _ = request_fifo(fifo_priority);
+            let carrier = Carrier {
+                taps: &taps,
+                fabric,
+                impairment: Some(wanted),
+                clock,
+                status: &told,
+                published: true,
+            };
             let outcome = carrier.carry(&stopped);
-            lock(&carrier.status).failure = outcome.err();
+            lock(&told).failure = outcome.err();
         });
         let thread = thread.map_err(|error| NetworkError::Thread {
             source: errno(&error),
@@ -118,7 +109,7 @@ impl Emulator {
 
     /// What went through the links so far.
     #[must_use]
-    pub fn links(&self) -> [LinkRecord; 3] {
+    pub fn links(&self) -> Vec<LinkRecord> {
         lock(&self.status).links.clone()
     }
 
@@ -146,33 +137,36 @@ impl Drop for Emulator {
 }
 
 /// The emulator thread's own state.
-struct Carrier {
-    taps: [Tap; 3],
-    star: Star,
-    /// Until it is put upon the star.
-    pending: Option<PendingImpairment>,
+struct Carrier<'a> {
+    taps: &'a [Tap],
+    fabric: Fabric,
+    /// Whether the links are to be impaired, until they are.
+    impairment: Option<Arc<AtomicBool>>,
     clock: Clock,
-    status: Arc<Mutex<Status>>,
+    status: &'a Mutex<Status>,
     published: bool,
 }
 
-/// What the links are to do to packets once that is wanted.
-struct PendingImpairment {
-    impairment: Impairment,
-    wanted: Arc<AtomicBool>,
-}
-
-impl Carrier {
-    fn carry(&mut self, stop: &EventFd) -> Result<(), NetworkError> {
+impl Carrier<'_> {
+    fn carry(mut self, stop: &EventFd) -> Result<(), NetworkError> {
         let mut buffer = [0; FRAME_BYTES];
+        let interest = |fd| PollFd::new(fd, PollFlags::POLLIN);
+        // Once, so that waiting allocates nothing.
+        let stops = [interest(stop.as_fd())].into_iter();
+        let mut fds: Vec<PollFd<'_>> = stops
+            .chain(self.taps.iter().map(|tap| interest(tap.as_fd())))
+            .collect();
         loop {
-            let ready = self.wait(stop)?;
-            if ready.stop {
+            self.wait(&mut fds)?;
+            let Some((stop, hosts)) = fds.split_first() else {
+                return Ok(());
+            };
+            if stop.any().unwrap_or(false) {
                 return Ok(());
             }
             self.deliver_due();
-            for host in VirtualHost::ALL {
-                if ready.hosts[host.index()] {
+            for (host, fd) in hosts.iter().enumerate() {
+                if fd.any().unwrap_or(false) {
                     self.read(host, &mut buffer)?;
                 }
             }
@@ -182,36 +176,21 @@ impl Carrier {
     }
 
     /// Sleeps until a host has sent something, the next packet is due, or it is time to stop.
-    fn wait(&self, stop: &EventFd) -> Result<Ready, NetworkError> {
-        let interest = |fd| PollFd::new(fd, PollFlags::POLLIN);
-        let [h1, sta1, sta2] = &self.taps;
-        let mut fds = [
-            interest(h1.as_fd()),
-            interest(sta1.as_fd()),
-            interest(sta2.as_fd()),
-            interest(stop.as_fd()),
-        ];
-        match ppoll(&mut fds, self.timeout().map(TimeSpec::from), None) {
-            Ok(_) | Err(Errno::EINTR) => {}
-            Err(source) => {
-                return Err(NetworkError::Carrying {
-                    action: "waiting for packets",
-                    source,
-                });
-            }
+    fn wait(&self, fds: &mut [PollFd<'_>]) -> Result<(), NetworkError> {
+        match ppoll(fds, self.timeout().map(TimeSpec::from), None) {
+            Ok(_) | Err(Errno::EINTR) => Ok(()),
+            Err(source) => Err(NetworkError::Carrying {
+                action: "waiting for packets",
+                source,
+            }),
         }
-        let [h1, sta1, sta2, stop] = fds.map(|fd| fd.any().unwrap_or(false));
-        Ok(Ready {
-            hosts: [h1, sta1, sta2],
-            stop,
-        })
     }
 
     /// How long nothing needs to be done unless a host sends.
     fn timeout(&self) -> Option<Duration> {
         let now_ns = self.clock.now_ns();
         let until_due = self
-            .star
+            .fabric
             .next_due_ns()
             .map(|due_ns| Duration::from_nanos(due_ns.saturating_sub(now_ns)));
         let until_retry = (!self.published).then_some(PUBLISH_RETRY);
@@ -220,15 +199,18 @@ impl Carrier {
 
     fn deliver_due(&mut self) {
         let mut hosts = Hosts {
-            taps: &self.taps,
+            taps: self.taps,
             clock: &self.clock,
         };
-        self.star.advance(self.clock.now_ns(), &mut hosts);
+        self.fabric.advance(self.clock.now_ns(), &mut hosts);
     }
 
-    fn read(&mut self, host: VirtualHost, buffer: &mut [u8]) -> Result<(), NetworkError> {
+    fn read(&mut self, host: usize, buffer: &mut [u8]) -> Result<(), NetworkError> {
+        let Some(tap) = self.taps.get(host) else {
+            return Ok(());
+        };
         for _ in 0..READ_BATCH {
-            let received = self.taps[host.index()].receive(buffer);
+            let received = tap.receive(buffer);
             let received = received.map_err(|source| NetworkError::Carrying {
                 action: "reading what a host sent",
                 source,
@@ -237,16 +219,16 @@ impl Carrier {
                 return Ok(());
             };
             self.impair_if_wanted();
-            self.star.send(self.clock.now_ns(), host, frame);
+            self.fabric.send(self.clock.now_ns(), host, frame);
         }
         Ok(())
     }
 
     /// Asked for each frame after it was read, so that none that was sent after the wish goes free.
     fn impair_if_wanted(&mut self) {
-        let wanted = |pending: &mut PendingImpairment| pending.wanted.load(Ordering::Acquire);
-        if let Some(PendingImpairment { impairment, .. }) = self.pending.take_if(wanted) {
-            self.star.impair(impairment);
+        let is_set = |wanted: &mut Arc<AtomicBool>| wanted.load(Ordering::Acquire);
+        if self.impairment.take_if(is_set).is_some() {
+            self.fabric.impair();
         }
     }
 
@@ -255,26 +237,20 @@ impl Carrier {
         let status = self.status.try_lock();
         self.published = status.is_ok();
         if let Ok(mut status) = status {
-            status.links = self.star.links();
+            self.fabric.record_links(&mut status.links);
         }
     }
 }
 
-/// Who has something for the emulator.
-struct Ready {
-    hosts: [bool; 3],
-    stop: bool,
-}
-
-/// The hosts as the star sees them.
+/// The hosts as the fabric sees them.
 struct Hosts<'a> {
-    taps: &'a [Tap; 3],
+    taps: &'a [Tap],
     clock: &'a Clock,
 }
 
 impl Delivery for Hosts<'_> {
-    fn deliver(&mut self, host: VirtualHost, _due_ns: u64, frame: &[u8]) -> Option<u64> {
-        self.taps[host.index()].send(frame).ok()?;
+    fn deliver(&mut self, host: usize, _due_ns: u64, frame: &[u8]) -> Option<u64> {
+        self.taps.get(host)?.send(frame).ok()?;
         Some(self.clock.now_ns())
     }
 }

@@ -71,6 +71,12 @@ pub enum NetworkError {
         /// What it printed.
         said: String,
     },
+    /// The network has no host of that name.
+    #[error("the network has no host {host}")]
+    NoHost {
+        /// Its name.
+        host: String,
+    },
     /// There is no Mininet.
     #[error(transparent)]
     Mininet(#[from] MininetError),
@@ -148,7 +154,9 @@ impl NetworkError {
             Self::Thread { .. } | Self::Start { .. } => {
                 "raise the limit of processes (`ulimit -u`, or the container's `pids` limit)"
             }
-            Self::Interface { .. } | Self::Command { .. } | Self::Carrying { .. } => return None,
+            Self::Interface { .. } | Self::Command { .. } | Self::Carrying { .. } | Self::NoHost { .. } => {
+                return None;
+            }
         };
         Some(hint.to_owned())
     }

@@ -1,4 +1,4 @@
-//! The `kernel` network: a namespace for each host and one for the switch, veth pairs, a bridge, and at both ends of
+//! The `kernel` network: a namespace for each host and one for the switches, veth pairs, bridges, and at both ends of
 //! every link HTB with a netem child, as Mininet's `TCLink` sets them. The main type is [`Kernel`].
 //!
 //! ```text
@@ -17,7 +17,7 @@ pub mod counts;
 pub mod tools;
 
 use std::{
-    io,
+    io, iter,
     sync::{Mutex, PoisonError},
 };
 
@@ -25,6 +25,7 @@ use nix::net::if_::if_nametoindex;
 use record::{
     quantity::TimeSpan,
     settings::{NetworkSettings, Offloads},
+    topology::{Link, Topology},
     virtual_host::VirtualHost,
     window::{LinkRecord, PassRecord},
 };
@@ -38,86 +39,143 @@ use super::{
     namespace::{Namespace, Work},
 };
 
-/// The bridge, named as Mininet names its first switch.
-const BRIDGE: &str = "s1";
-
 /// A network that is up until it is dropped.
 #[derive(Debug)]
 pub struct Kernel {
-    hosts: [Namespace; 3],
-    switch: Namespace,
-    settings: NetworkSettings,
+    hosts: Vec<Namespace>,
+    /// All of them are in one.
+    switches: Namespace,
+    topology: Topology,
+    ports: Ports,
     transcript: Mutex<Transcript>,
 }
 
 impl Kernel {
-    /// Makes the namespaces, the veth pairs and the bridge. The links are not impaired yet.
+    /// Makes the namespaces, the veth pairs and the bridges. The links are not impaired yet.
     ///
     /// # Errors
     /// If the platform does not offer what it needs.
     pub fn open(settings: &NetworkSettings) -> Result<Self, NetworkError> {
         let mut transcript = Transcript::default();
-        let switch = Namespace::create()?;
-        make_bridge(&switch, &mut transcript)?;
-        let mut connect = |host| connect(host, &switch, settings.offloads, &mut transcript);
-        let hosts = [
-            connect(VirtualHost::H1)?,
-            connect(VirtualHost::Sta1)?,
-            connect(VirtualHost::Sta2)?,
-        ];
+        let topology = settings.topology();
+        let ports = Ports::of(&topology);
+        let switches = Namespace::create()?;
+        for switch in &topology.switches {
+            make_bridge(&switches, switch.name, &mut transcript)?;
+        }
+        let mut maker = Maker {
+            topology: &topology,
+            ports: &ports,
+            switches: &switches,
+            offloads: settings.offloads,
+            transcript: &mut transcript,
+        };
+        let hosts = (0..topology.hosts.len()).map(|position| maker.connect(position));
+        let hosts = hosts.collect::<Result<_, _>>()?;
+        maker.connect_switches()?;
         Ok(Self {
             hosts,
-            switch,
-            settings: settings.clone(),
+            switches,
+            topology,
+            ports,
             transcript: Mutex::new(transcript),
         })
     }
 
-    /// Both ends of a host's link: the host's and the switch's.
-    fn ends(&self, host: VirtualHost) -> [(&Namespace, String); 2] {
-        [
-            (&self.hosts[host.index()], host.interface()),
-            (&self.switch, port(host)),
-        ]
+    /// The namespaces and the interfaces of both ends of every link, the lower one first, in the topology's order.
+    fn ends(&self) -> impl Iterator<Item = (VirtualHost, Link, [(&Namespace, &str); 2])> {
+        // Switches are in one namespace, and their links are the last.
+        let lower = self.hosts.iter().chain(iter::repeat(&self.switches));
+        let links = self.topology.links().zip(lower).zip(&self.ports.of_links);
+        links.map(|(((name, link), namespace), [lower, upper])| {
+            let ends = [(namespace, lower.as_str()), (&self.switches, upper.as_str())];
+            (name, link, ends)
+        })
+    }
+
+    fn host(&self, host: VirtualHost) -> Result<&Namespace, NetworkError> {
+        let position = self.topology.position(host);
+        position
+            .and_then(|at| self.hosts.get(at))
+            .ok_or_else(|| NetworkError::NoHost {
+                host: host.to_string(),
+            })
+    }
+}
+
+/// The names of the interfaces at both ends of each link, as Mininet names them: `h1-eth0` and `s1-eth1`.
+#[derive(Debug)]
+struct Ports {
+    /// The lower end, which is the host's, and the upper one, in the order of [`Topology::links`].
+    of_links: Vec<[String; 2]>,
+}
+
+impl Ports {
+    fn of(topology: &Topology) -> Self {
+        let mut taken = vec![0; topology.switches.len()];
+        let mut next = |switch: usize| {
+            let name = topology.switches.get(switch).map(|switch| switch.name);
+            let number = taken.get_mut(switch).map_or(0, |number| {
+                *number += 1;
+                *number
+            });
+            format!(
+                "{}-eth{number}",
+                name.map(|name| name.to_string()).unwrap_or_default()
+            )
+        };
+        let mut of_links: Vec<_> = topology
+            .hosts
+            .iter()
+            .map(|host| [host.name.interface(), next(host.switch)])
+            .collect();
+        for (lower, switch) in topology.switches.iter().enumerate() {
+            if let Some((upper, _)) = switch.uplink {
+                of_links.push([next(lower), next(upper)]);
+            }
+        }
+        Self { of_links }
     }
 }
 
 impl Network for Kernel {
+    fn topology(&self) -> &Topology {
+        &self.topology
+    }
+
     fn enter(&self, host: VirtualHost) -> Result<(), NetworkError> {
-        self.hosts[host.index()].enter()
+        self.host(host)?.enter()
     }
 
     fn give(&self, host: VirtualHost, work: Work) -> io::Result<()> {
-        self.hosts[host.index()].give(work)
-    }
-
-    fn interface(&self, host: VirtualHost) -> String {
-        host.interface()
+        self.host(host).map_err(io::Error::other)?.give(work)
     }
 
     fn impair(&self) -> Result<(), NetworkError> {
         let mut transcript = self.transcript.lock().unwrap_or_else(PoisonError::into_inner);
-        for (namespace, interface) in VirtualHost::ALL.into_iter().flat_map(|host| self.ends(host)) {
-            impair(namespace, &interface, &self.settings, &mut transcript)?;
+        for (_, link, ends) in self.ends() {
+            for (namespace, interface) in ends {
+                impair(namespace, interface, &link, &mut transcript)?;
+            }
         }
         Ok(())
     }
 
     /// None where the counters cannot be read: that is no reason to stop measuring.
     fn links(&self) -> Vec<LinkRecord> {
-        let pass = |(namespace, interface): (&Namespace, String)| -> Option<PassRecord> {
-            let words = ["-s", "-j", "qdisc", "show", "dev", &interface];
+        let pass = |(namespace, interface): (&Namespace, &str)| -> Option<PassRecord> {
+            let words = ["-s", "-j", "qdisc", "show", "dev", interface];
             counts::of_netem(&tools::run(namespace, "tc", &words).ok()?)
         };
-        let link = |host| {
-            let [up, down] = self.ends(host).map(pass);
+        let link = |(host, _, ends): (VirtualHost, Link, [_; 2])| {
+            let [up, down] = ends.map(pass);
             Some(LinkRecord {
                 host,
                 up: up?,
                 down: down?,
             })
         };
-        VirtualHost::ALL.into_iter().filter_map(link).collect()
+        self.ends().filter_map(link).collect()
     }
 
     /// netem draws from the kernel's own source of randomness.
@@ -128,8 +186,8 @@ impl Network for Kernel {
     fn transcript(&self) -> Option<String> {
         let mut transcript = self.transcript.lock().unwrap_or_else(PoisonError::into_inner);
         // A failure is in the transcript, where it belongs.
-        for (namespace, interface) in VirtualHost::ALL.into_iter().flat_map(|host| self.ends(host)) {
-            let _ = transcript.run(namespace, "tc", &["-s", "qdisc", "show", "dev", &interface]);
+        for (namespace, interface) in self.ends().flat_map(|(_, _, ends)| ends) {
+            let _ = transcript.run(namespace, "tc", &["-s", "qdisc", "show", "dev", interface]);
         }
         Some(transcript.to_string())
     }
@@ -145,21 +203,41 @@ impl Network for Kernel {
 /// What is missing.
 pub fn survey(settings: &NetworkSettings) -> Result<(), NetworkError> {
     let mut transcript = Transcript::default();
-    let switch = Namespace::create()?;
-    make_bridge(&switch, &mut transcript)?;
-    let host = connect(VirtualHost::H1, &switch, settings.offloads, &mut transcript)?;
-    impair(&host, &VirtualHost::H1.interface(), settings, &mut transcript)
+    let topology = settings.topology();
+    let switches = Namespace::create()?;
+    let first = topology
+        .hosts
+        .first()
+        .and_then(|host| Some((host, topology.switches.get(host.switch)?)));
+    if let Some((host, switch)) = first {
+        make_bridge(&switches, switch.name, &mut transcript)?;
+        let namespace = Maker {
+            topology: &topology,
+            ports: &Ports::of(&topology),
+            switches: &switches,
+            offloads: settings.offloads,
+            transcript: &mut transcript,
+        }
+        .connect(0)?;
+        impair(&namespace, &host.name.interface(), &host.link, &mut transcript)?;
+    }
+    Ok(())
 }
 
 /// A switch that forwards at once and says nothing itself.
-fn make_bridge(switch: &Namespace, transcript: &mut Transcript) -> Result<(), NetworkError> {
+fn make_bridge(
+    switch: &Namespace,
+    bridge: VirtualHost,
+    transcript: &mut Transcript,
+) -> Result<(), NetworkError> {
+    let bridge = bridge.name();
     transcript.run(
         switch,
         "ip",
         &[
             "link",
             "add",
-            BRIDGE,
+            bridge,
             "type",
             "bridge",
             "stp_state",
@@ -168,52 +246,73 @@ fn make_bridge(switch: &Namespace, transcript: &mut Transcript) -> Result<(), Ne
             "0",
         ],
     )?;
-    silence_ipv6(switch, BRIDGE)?;
-    transcript.run(switch, "ip", &["link", "set", BRIDGE, "up"])
+    silence_ipv6(switch, bridge)?;
+    transcript.run(switch, "ip", &["link", "set", bridge, "up"])
 }
 
-/// Makes a host's namespace and the link from it to the switch.
-fn connect(
-    host: VirtualHost,
-    switch: &Namespace,
+/// Makes the links of a network, one by one.
+struct Maker<'a> {
+    topology: &'a Topology,
+    ports: &'a Ports,
+    switches: &'a Namespace,
     offloads: Offloads,
-    transcript: &mut Transcript,
-) -> Result<Namespace, NetworkError> {
-    let namespace = Namespace::create()?;
-    let (interface, port) = (host.interface(), port(host));
-    transcript.run(
-        &namespace,
-        "ip",
-        &[
-            "link",
-            "add",
-            &interface,
-            "type",
-            "veth",
-            "peer",
-            "name",
-            &port,
-            "netns",
-            &switch.path(),
-        ],
-    )?;
-    if offloads == Offloads::None {
-        for (namespace, device) in [(&namespace, &interface), (switch, &port)] {
-            let words = [
-                "-K", device, "tso", "off", "gso", "off", "gro", "off", "tx", "off",
-            ];
-            transcript.run(namespace, "ethtool", &words)?;
+    transcript: &'a mut Transcript,
+}
+
+impl Maker<'_> {
+    /// Makes the namespace of the host in that position and the link from it to its switch.
+    fn connect(&mut self, position: usize) -> Result<Namespace, NetworkError> {
+        let namespace = Namespace::create()?;
+        let (interface, neighbours) = Interface::and_neighbours(self.topology, position)?;
+        let switch = self.topology.hosts.get(position).map_or(0, |host| host.switch);
+        if let Some(ends) = self.ports.of_links.get(position) {
+            self.link(&namespace, ends)?;
+            self.attach(&ends[1], switch)?;
         }
+        namespace.within(move || device::configure(&interface, &neighbours))?;
+        Ok(namespace)
     }
-    silence_ipv6(switch, &port)?;
-    transcript.run(switch, "ip", &["link", "set", &port, "master", BRIDGE, "up"])?;
-    let neighbours: Vec<_> = VirtualHost::ALL
-        .into_iter()
-        .filter(|other| *other != host)
-        .map(Interface::of)
-        .collect();
-    namespace.within(move || device::configure(&Interface::of(host), &neighbours))?;
-    Ok(namespace)
+
+    /// Makes the links between the switches, whose ends come after those of the hosts.
+    fn connect_switches(&mut self) -> Result<(), NetworkError> {
+        let uplinks = self.topology.switches.iter().enumerate();
+        let uplinks = uplinks.filter_map(|(lower, switch)| Some((lower, switch.uplink?.0)));
+        let ends = self.ports.of_links.iter().skip(self.topology.hosts.len());
+        for ((lower, upper), ends) in uplinks.zip(ends) {
+            self.link(self.switches, ends)?;
+            self.attach(&ends[0], lower)?;
+            self.attach(&ends[1], upper)?;
+        }
+        Ok(())
+    }
+
+    /// Makes a pair of interfaces, the first in `namespace` and the second at the switches.
+    fn link(&mut self, namespace: &Namespace, [lower, upper]: &[String; 2]) -> Result<(), NetworkError> {
+        let path = self.switches.path();
+        let words = [
+            "link", "add", lower, "type", "veth", "peer", "name", upper, "netns", &path,
+        ];
+        self.transcript.run(namespace, "ip", &words)?;
+        if self.offloads == Offloads::None {
+            for (namespace, device) in [(namespace, lower), (self.switches, upper)] {
+                let words = [
+                    "-K", device, "tso", "off", "gso", "off", "gro", "off", "tx", "off",
+                ];
+                self.transcript.run(namespace, "ethtool", &words)?;
+            }
+        }
+        Ok(())
+    }
+
+    /// Connects an end of a link to the bridge of the switch in that position.
+    fn attach(&mut self, port: &str, switch: usize) -> Result<(), NetworkError> {
+        let Some(bridge) = self.topology.switches.get(switch) else {
+            return Ok(());
+        };
+        silence_ipv6(self.switches, port)?;
+        let words = ["link", "set", port, "master", bridge.name.name(), "up"];
+        self.transcript.run(self.switches, "ip", &words)
+    }
 }
 
 /// Has an interface delay, lose and limit what leaves through it, by the commands of Mininet 2.3.0's `TCIntf`
@@ -221,10 +320,10 @@ fn connect(
 fn impair(
     namespace: &Namespace,
     interface: &str,
-    settings: &NetworkSettings,
+    link: &Link,
     transcript: &mut Transcript,
 ) -> Result<(), NetworkError> {
-    for command in commands(interface, settings) {
+    for command in commands(interface, link) {
         let words: Vec<&str> = command.split(' ').collect();
         transcript.run(namespace, "tc", &words)?;
     }
@@ -232,22 +331,22 @@ fn impair(
 }
 
 /// What `tc` is told for one interface.
-fn commands(interface: &str, settings: &NetworkSettings) -> [String; 3] {
-    let loss_percent = settings.loss.probability() * 100.0;
+fn commands(interface: &str, link: &Link) -> [String; 3] {
+    let loss_percent = link.loss.probability() * 100.0;
     let loss = if loss_percent > 0.0 {
         format!(" loss {loss_percent:.5}%")
     } else {
         String::new()
     };
-    let rate_mbit = settings.bandwidth.bits_per_second() as f64 / 1e6;
+    let rate_mbit = link.bandwidth.bits_per_second() as f64 / 1e6;
     [
         format!("qdisc add dev {interface} root handle 5:0 htb default 1"),
         format!("class add dev {interface} parent 5:0 classid 5:1 htb rate {rate_mbit:.6}Mbit burst 15k"),
         format!(
             "qdisc add dev {interface} parent 5:1 handle 10: netem delay {} {}{loss} limit {}",
-            tc_time(settings.delay),
-            tc_time(settings.jitter),
-            settings.limit_packets
+            tc_time(link.delay),
+            tc_time(link.jitter),
+            link.limit_packets
         ),
     ]
 }
@@ -259,11 +358,6 @@ pub fn tc_time(span: TimeSpan) -> String {
         nanoseconds if nanoseconds % 1_000 == 0 => format!("{}us", nanoseconds / 1_000),
         nanoseconds => format!("{nanoseconds}ns"),
     }
-}
-
-/// The switch's end of a host's link, named as Mininet names it.
-fn port(host: VirtualHost) -> String {
-    format!("{BRIDGE}-eth{}", host.index() + 1)
 }
 
 fn silence_ipv6(namespace: &Namespace, interface: &str) -> Result<(), NetworkError> {
@@ -288,7 +382,7 @@ mod tests {
     #[test]
     fn the_papers_link_is_made_by_mininets_commands() {
         assert_eq!(
-            commands("h1-eth0", &NetworkSettings::default()),
+            commands("h1-eth0", &NetworkSettings::default().link()),
             [
                 "qdisc add dev h1-eth0 root handle 5:0 htb default 1",
                 "class add dev h1-eth0 parent 5:0 classid 5:1 htb rate 10.000000Mbit burst 15k",
@@ -299,15 +393,14 @@ mod tests {
 
     #[test]
     fn nothing_is_said_of_a_loss_of_nothing() {
-        let settings = NetworkSettings {
+        let link = Link {
             delay: "1500us".parse().unwrap(),
             jitter: "0ms".parse().unwrap(),
             loss: Fraction::from_percent(0.0),
             bandwidth: BitRate::from_mbit(100),
             limit_packets: 50,
-            ..NetworkSettings::default()
         };
-        let [_, class, netem] = commands("s1-eth2", &settings);
+        let [_, class, netem] = commands("s1-eth2", &link);
         assert!(class.contains("rate 100.000000Mbit"), "{class}");
         assert!(netem.ends_with("netem delay 1500us 0ms limit 50"), "{netem}");
     }
@@ -323,6 +416,18 @@ mod tests {
 
     #[test]
     fn ports_are_numbered_as_mininet_numbers_them() {
-        assert_eq!(VirtualHost::ALL.map(port), ["s1-eth1", "s1-eth2", "s1-eth3"]);
+        let network: NetworkSettings = serde_json::from_value(serde_json::json!({
+            "hosts": {"a": {}, "b": {"switch": "s2"}, "c": {}},
+            "switches": {"s1": {}, "s2": {}},
+        }))
+        .unwrap();
+        let ports = Ports::of(&network.topology());
+        let expected = [
+            ["a-eth0", "s1-eth1"],
+            ["b-eth0", "s2-eth1"],
+            ["c-eth0", "s1-eth2"],
+            ["s2-eth2", "s1-eth3"],
+        ];
+        assert_eq!(ports.of_links, expected);
     }
 }

@@ -1,4 +1,4 @@
-//! The `mininet` network, which is the paper's: three hosts, an Open vSwitch switch, an OpenFlow controller and links
+//! The `mininet` network, which is the paper's: hosts, Open vSwitch switches, an OpenFlow controller and links
 //! with HTB and netem, all made by Mininet's own API. The main type is [`Mininet`].
 //!
 //! ```text
@@ -11,7 +11,7 @@
 //! Open vSwitch forwards in the kernel where that has the module, and in its daemon otherwise; the transcript says which.
 //!
 //! A Python program ([`script`]) holds the network, since Mininet's is Python's; the nodes run here, in the namespaces
-//! of Mininet's hosts. The bridge and its ports have a name of their own in each network, so that several can be on one
+//! of Mininet's hosts. The bridges and their ports have names of their own in each network, so that several can be on one
 //! machine, beside Mininets of others.
 //!
 //! Nothing is left behind: the program takes the network down when this process has ended, however it did; what is left
@@ -28,19 +28,20 @@ use std::{
     time::Duration,
 };
 
-use record::{settings::NetworkSettings, virtual_host::VirtualHost, window::LinkRecord};
+use record::{settings::NetworkSettings, topology::Topology, virtual_host::VirtualHost, window::LinkRecord};
 
 pub use self::error::MininetError;
-use self::script::{Datapath, Done, Impair, Request, Script, Transcript, Up};
+use self::script::{Datapath, Done, Request, Script, Transcript, Up, bridge};
 use super::{
     backend::Network,
     error::NetworkError,
     kernel::{counts, tools},
-    namespace::{Namespace, Work},
+    namespace::{Namespace, Namespaces, Work},
     seed::random_seed,
 };
 
-/// What the names of our bridges begin with. Eight digits and `-eth3` make them 15 bytes, the most that a name has.
+/// What the names of our bridges begin with. Six digits of the network, one of the switch, and `-eth64` make them 15 bytes, the most
+/// that a name has.
 const PREFIX: &str = "mx";
 
 /// Mininet takes about a second, about fifteen on an emulated processor, and over 120 where that one is starved as well.
@@ -51,11 +52,11 @@ const TIMEOUT: Duration = Duration::from_secs(300);
 pub struct Mininet {
     // Before the namespaces, so that they still exist while Mininet takes the network down.
     script: Mutex<Script>,
-    hosts: [Namespace; 3],
-    /// The switch's ends of the links.
-    ports: [String; 3],
+    hosts: Namespaces,
+    /// The interfaces of both ends of each link, the lower one first.
+    ports: Vec<[String; 2]>,
     name: String,
-    settings: NetworkSettings,
+    topology: Topology,
 }
 
 impl Mininet {
@@ -68,18 +69,23 @@ impl Mininet {
         for bridge in leftovers::find()? {
             leftovers::remove(&bridge)?;
         }
-        // Any 32 of the bits will do.
-        let name = format!("{PREFIX}{:08x}", random_seed() as u32);
+        // Any 24 of the bits will do.
+        let name = format!("{PREFIX}{:06x}", random_seed() & 0x00ff_ffff);
         let datapath = datapath()?;
+        let topology = settings.topology();
         let mut script = Script::start()?;
-        let Up { pids, ports } = script.ask(&Request::up(&name, datapath, settings), TIMEOUT)?;
-        let [h1, sta1, sta2] = pids.map(Namespace::of_process);
+        let request = Request::up(&name, datapath, &topology, settings.offloads);
+        let Up { pids, links } = script.ask(&request, TIMEOUT)?;
+        let namespaces = pids
+            .into_iter()
+            .map(Namespace::of_process)
+            .collect::<Result<_, _>>()?;
         Ok(Self {
             script: Mutex::new(script),
-            hosts: [h1?, sta1?, sta2?],
-            ports,
+            hosts: Namespaces::of(&topology, namespaces),
+            ports: links,
             name,
-            settings: settings.clone(),
+            topology,
         })
     }
 
@@ -89,37 +95,40 @@ impl Mininet {
 }
 
 impl Network for Mininet {
+    fn topology(&self) -> &Topology {
+        &self.topology
+    }
+
     fn enter(&self, host: VirtualHost) -> Result<(), NetworkError> {
-        self.hosts[host.index()].enter()
+        self.hosts.at(host)?.enter()
     }
 
     fn give(&self, host: VirtualHost, work: Work) -> io::Result<()> {
-        self.hosts[host.index()].give(work)
-    }
-
-    fn interface(&self, host: VirtualHost) -> String {
-        host.interface()
+        self.hosts.at(host).map_err(io::Error::other)?.give(work)
     }
 
     fn impair(&self) -> Result<(), NetworkError> {
-        let request = Request::Impair(Impair::from(&self.settings));
-        let Done {} = self.script().ask(&request, TIMEOUT)?;
+        let Done {} = self.script().ask(&Request::impair(&self.topology), TIMEOUT)?;
         Ok(())
     }
 
     /// None where the counters cannot be read: that is no reason to stop measuring.
     fn links(&self) -> Vec<LinkRecord> {
-        let link = |host: VirtualHost| {
-            let own = host.interface();
-            let own = tools::run(&self.hosts[host.index()], "tc", &show(&own)).ok()?;
-            let port = tools::run_here("tc", &show(&self.ports[host.index()])).ok()?;
+        let link = |(host, [lower, upper]): (VirtualHost, &[String; 2])| {
+            let lower = match self.hosts.at(host) {
+                Ok(namespace) => tools::run(namespace, "tc", &show(lower)),
+                // A switch, which is on the machine.
+                Err(_) => tools::run_here("tc", &show(lower)),
+            };
+            let upper = tools::run_here("tc", &show(upper)).ok()?;
             Some(LinkRecord {
                 host,
-                up: counts::of_netem(&own)?,
-                down: counts::of_netem(&port)?,
+                up: counts::of_netem(&lower.ok()?)?,
+                down: counts::of_netem(&upper)?,
             })
         };
-        VirtualHost::ALL.into_iter().filter_map(link).collect()
+        let names = self.topology.links().map(|(name, _)| name);
+        names.zip(&self.ports).filter_map(link).collect()
     }
 
     /// netem draws from the kernel's own source of randomness.
@@ -143,7 +152,9 @@ impl Drop for Mininet {
     fn drop(&mut self) {
         self.script().end();
         // The program was killed, perhaps. What cannot be removed now is found again by the next one.
-        let _ = leftovers::remove(&self.name);
+        for position in 0..self.topology.switches.len() {
+            let _ = leftovers::remove(&bridge(&self.name, position));
+        }
     }
 }
 
@@ -219,6 +230,8 @@ fn datapath() -> Result<Datapath, NetworkError> {
 
 #[cfg(test)]
 mod tests {
+    use record::topology::{MOST_HOSTS, MOST_SWITCHES};
+
     use super::*;
 
     #[rstest::rstest]
@@ -232,6 +245,10 @@ mod tests {
 
     #[test]
     fn the_longest_name_is_as_long_as_the_kernel_takes() {
-        assert_eq!(format!("{PREFIX}{:08x}-eth3", u32::MAX).len(), libc::IFNAMSIZ - 1);
+        let bridge = bridge(&format!("{PREFIX}{:06x}", 0xff_ffff), MOST_SWITCHES - 1);
+        assert_eq!(
+            format!("{bridge}-eth{}", MOST_HOSTS + MOST_SWITCHES).len(),
+            libc::IFNAMSIZ - 1
+        );
     }
 }

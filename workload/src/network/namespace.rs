@@ -17,6 +17,8 @@ use nix::{
     unistd::{Pid, getgid, gettid, getuid},
 };
 
+use record::{topology::Topology, virtual_host::VirtualHost};
+
 use super::error::NetworkError;
 use crate::capabilities::drop_unneeded;
 
@@ -47,6 +49,31 @@ impl fmt::Debug for Namespace {
             .debug_struct("Namespace")
             .field("handle", &self.handle)
             .finish_non_exhaustive()
+    }
+}
+
+/// Those of a network's hosts.
+#[derive(Debug)]
+pub struct Namespaces(Vec<(VirtualHost, Namespace)>);
+
+impl Namespaces {
+    /// One for each host, in the topology's order.
+    #[must_use]
+    pub fn of(topology: &Topology, namespaces: Vec<Namespace>) -> Self {
+        Self(topology.names().zip(namespaces).collect())
+    }
+
+    /// That of a host.
+    ///
+    /// # Errors
+    /// If there is none.
+    pub fn at(&self, host: VirtualHost) -> Result<&Namespace, NetworkError> {
+        let found = self.0.iter().find(|(name, _)| *name == host);
+        found
+            .map(|(_, namespace)| namespace)
+            .ok_or_else(|| NetworkError::NoHost {
+                host: host.to_string(),
+            })
     }
 }
 

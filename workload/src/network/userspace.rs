@@ -3,17 +3,16 @@
 
 use std::io;
 
-use record::{settings::NetworkSettings, virtual_host::VirtualHost, window::LinkRecord};
-use simulation::link::Impairment;
+use record::{settings::NetworkSettings, topology::Topology, virtual_host::VirtualHost, window::LinkRecord};
 
 use super::{
     backend::Network,
     device::{self, Interface, Tap},
     emulator::Emulator,
     error::NetworkError,
-    namespace::{Namespace, Work},
+    fabric::Fabric,
+    namespace::{Namespace, Namespaces, Work},
     release_lateness::ReleaseCounts,
-    star::Star,
 };
 
 /// A network that is up until it is dropped.
@@ -21,7 +20,8 @@ use super::{
 pub struct Userspace {
     // Before the namespaces, so that the devices are closed while their namespaces still exist.
     emulator: Emulator,
-    namespaces: [Namespace; 3],
+    namespaces: Namespaces,
+    topology: Topology,
     seed: u64,
 }
 
@@ -31,34 +31,30 @@ impl Userspace {
     /// # Errors
     /// If the platform does not offer what it needs.
     pub fn open(settings: &NetworkSettings, seed: u64, emulator_priority: u8) -> Result<Self, NetworkError> {
-        let (h1, h1_tap) = make_host(VirtualHost::H1)?;
-        let (sta1, sta1_tap) = make_host(VirtualHost::Sta1)?;
-        let (sta2, sta2_tap) = make_host(VirtualHost::Sta2)?;
-        let emulator = Emulator::start(
-            [h1_tap, sta1_tap, sta2_tap],
-            Star::new(Impairment::NONE, seed),
-            Impairment::from(settings),
-            emulator_priority,
-        )?;
+        let topology = settings.topology();
+        let made = (0..topology.hosts.len()).map(|position| make_host(&topology, position));
+        let (namespaces, taps): (Vec<_>, Vec<_>) = made.collect::<Result<Vec<_>, _>>()?.into_iter().unzip();
+        let fabric = Fabric::new(&topology, seed);
         Ok(Self {
-            emulator,
-            namespaces: [h1, sta1, sta2],
+            emulator: Emulator::start(taps, fabric, emulator_priority)?,
+            namespaces: Namespaces::of(&topology, namespaces),
+            topology,
             seed,
         })
     }
 }
 
 impl Network for Userspace {
+    fn topology(&self) -> &Topology {
+        &self.topology
+    }
+
     fn enter(&self, host: VirtualHost) -> Result<(), NetworkError> {
-        self.namespaces[host.index()].enter()
+        self.namespaces.at(host)?.enter()
     }
 
     fn give(&self, host: VirtualHost, work: Work) -> io::Result<()> {
-        self.namespaces[host.index()].give(work)
-    }
-
-    fn interface(&self, host: VirtualHost) -> String {
-        host.interface()
+        self.namespaces.at(host).map_err(io::Error::other)?.give(work)
     }
 
     fn impair(&self) -> Result<(), NetworkError> {
@@ -67,7 +63,7 @@ impl Network for Userspace {
     }
 
     fn links(&self) -> Vec<LinkRecord> {
-        self.emulator.links().to_vec()
+        self.emulator.links()
     }
 
     fn seed(&self) -> Option<u64> {
@@ -87,21 +83,16 @@ impl Network for Userspace {
 ///
 /// # Errors
 /// What is missing.
-pub fn survey() -> Result<(), NetworkError> {
-    make_host(VirtualHost::H1).map(drop)
+pub fn survey(settings: &NetworkSettings) -> Result<(), NetworkError> {
+    make_host(&settings.topology(), 0).map(drop)
 }
 
 /// The host's namespace and its device, which is up and knows the other hosts.
-fn make_host(host: VirtualHost) -> Result<(Namespace, Tap), NetworkError> {
+fn make_host(topology: &Topology, position: usize) -> Result<(Namespace, Tap), NetworkError> {
     let namespace = Namespace::create()?;
+    let (interface, neighbours) = Interface::and_neighbours(topology, position)?;
     let tap = namespace.within(move || {
-        let interface = Interface::of(host);
         let tap = Tap::create(&interface.name)?;
-        let neighbours: Vec<_> = VirtualHost::ALL
-            .into_iter()
-            .filter(|other| *other != host)
-            .map(Interface::of)
-            .collect();
         device::configure(&interface, &neighbours)?;
         Ok(tap)
     })?;

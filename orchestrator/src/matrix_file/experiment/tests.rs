@@ -101,3 +101,60 @@ fn every_mistake_of_an_experiment_is_shown_at_its_place(#[case] text: &str) {
         insta::assert_snapshot!(case_name(), told);
     });
 }
+
+/// Nodes without mistakes but for the lines, which come before the nodes, and the workload's network.
+fn nodes(lines: &str, node: &str, network: &str) -> String {
+    format!(
+        "matrix: {{}}\nexperiment:\n  name: loop\n{lines}  nodes:\n  - {{name: plant, host: sta2, run: [./plant]}}\n  - {node}\n  \
+         metrics:\n  - {{name: error, from: errors.csv}}\n{network}"
+    )
+}
+
+#[rstest]
+#[case::a_command_and_nodes(&nodes("  run: [\"true\"]\n", "{name: a, host: h1, run: [a]}", ""))]
+#[case::a_node_without_a_host(&nodes("", "{name: a, run: [a]}", ""))]
+#[case::a_node_without_a_name(&nodes("", "{host: h1, run: [a]}", ""))]
+#[case::a_node_with_a_bad_name(&nodes("", "{name: My Node, host: h1, run: [a]}", ""))]
+#[case::a_node_without_a_program(&nodes("", "{name: a, host: h1}", ""))]
+#[case::an_empty_program(&nodes("", "{name: a, host: h1, run: []}", ""))]
+#[case::a_program_as_text(&nodes("", "{name: a, host: h1, run: ./a --fast}", ""))]
+#[case::an_unknown_host(&nodes("", "{name: a, host: sta3, run: [a]}", ""))]
+#[case::two_nodes_of_one_name(&nodes("", "{name: plant, host: h1, run: [a]}", ""))]
+#[case::an_unknown_placeholder_of_a_host(&nodes("", "{name: a, host: h1, run: [a, \"{hosts.h1.ip}\"]}", ""))]
+#[case::an_address_of_no_host(&nodes("", "{name: a, host: h1, run: [a, \"{hosts.h2.address}\"]}", ""))]
+#[case::an_address_without_a_network(&with("run: [a, \"{hosts.h1.address}\"]"))]
+#[case::an_unknown_sign(&nodes("", "{name: a, host: h1, run: [a], ready: {file: x}}", ""))]
+#[case::two_signs(&nodes("", "{name: a, host: h1, run: [a], ready: {port: 80, line: x}}", ""))]
+#[case::a_port_that_is_none(&nodes("", "{name: a, host: h1, run: [a], ready: {port: 70000}}", ""))]
+#[case::a_topic_without_a_master(&nodes("", "{name: a, host: h1, run: [a], ready: {topic: /state}}", ""))]
+#[case::a_topic_that_is_none(&nodes("  ros_master: {}\n", "{name: a, host: h1, run: [a], ready: {topic: state}}", ""))]
+#[case::a_master_on_no_host(&nodes("  ros_master: {host: h9}\n", "{name: a, host: h1, run: [a]}", ""))]
+#[case::a_master_of_another_kind(&nodes("  ros_master: {program: roscore}\n", "{name: a, host: h1, run: [a]}", ""))]
+#[case::a_master_of_nobody(&with("ros_master: {}"))]
+#[case::a_capture_as_a_metrics_file(
+    &nodes("", "{name: a, host: h1, run: [a]}", "").replace("errors.csv", "h1.pcap")
+)]
+#[case::a_network_of_a_command(&format!("{}workload: {{network: {{delay: 1ms}}}}\n", with("retries: 1")))]
+#[case::a_setting_of_the_ball_with_nodes(&nodes("", "{name: a, host: h1, run: [a]}", "workload: {period: 10s}\n"))]
+#[case::a_host_with_a_bad_name(&nodes("", "{name: a, host: h1, run: [a]}", "workload: {network: {hosts: {Robot: {}}}}\n"))]
+#[case::a_host_with_a_misspelt_link(
+    &nodes("", "{name: a, host: h1, run: [a]}", "workload: {network: {hosts: {h1: {dealy: 1ms}, sta2: {}}}}\n")
+)]
+#[case::a_host_at_no_switch(
+    &nodes("", "{name: a, host: h1, run: [a]}", "workload: {network: {hosts: {h1: {switch: s2}, sta2: {}}}}\n")
+)]
+#[case::a_switch_before_its_own(
+    &nodes("", "{name: a, host: h1, run: [a]}", "workload: {network: {switches: {s1: {}, s2: {switch: s3}, s3: {}}}}\n")
+)]
+#[case::a_jitter_of_one_link(
+    &nodes("", "{name: a, host: h1, run: [a]}", "workload: {network: {hosts: {h1: {jitter: 50ms}, sta2: {}}}}\n")
+)]
+#[case::other_hosts_for_the_ball("matrix: {}\nworkload: {network: {hosts: {robot: {}, base: {}}}}\n")]
+#[case::an_axis_of_no_field("matrix: {network.hosts.sta1.dealy: [1ms]}\n")]
+fn every_mistake_of_nodes_and_of_their_network_is_shown_at_its_place(#[case] text: &str) {
+    let told = told(text.as_bytes(), None);
+    assert!(!told.is_empty());
+    insta::with_settings!({ description => text, omit_expression => true }, {
+        insta::assert_snapshot!(case_name(), told);
+    });
+}

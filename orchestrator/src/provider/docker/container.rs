@@ -57,10 +57,10 @@ pub fn workload(
     ContainerCreateBody {
         host_config: Some(HostConfig {
             mounts: Some(volumes(request, image)),
-            ..match request.settings.experiment {
-                None => rights_and_limits(settings, machine_memory, &CAPABILITIES),
-                // A command has no need of a network, and of no other right that the workload itself needs for one.
-                Some(_) => HostConfig {
+            ..match request.settings.network_in_use() {
+                Some(_) => rights_and_limits(settings, machine_memory, &CAPABILITIES),
+                // A command on no network needs no right that the workload itself needs for one.
+                None => HostConfig {
                     devices: None,
                     ..rights_and_limits(settings, machine_memory, &[])
                 },
@@ -313,7 +313,7 @@ mod tests {
         let mut measuring = workload(&request(), &settings, &image(), None)
             .host_config
             .unwrap();
-        let check = check(&Need::of_the_ball(&Settings::default()), &settings, "i", None);
+        let check = check(&Need::of_the_network(&Settings::default()), &settings, "i", None);
         let mut checking = check.host_config.unwrap();
         let mount = checking.mounts.take().unwrap().remove(0);
         assert_eq!((mount.source, mount.target.as_deref()), (None, Some(DATA)));

@@ -87,8 +87,8 @@ pub fn write(fake: &FakeWindow<'_>, folder: &Path, with_record: bool) -> io::Res
     control.into_inner()?.sync_all()?;
     let mut names = vec![layout::CONTROL_LOG.to_owned()];
     if fake.settings.capture.enabled {
-        for host in VirtualHost::ALL {
-            let name = format!("{host}.pcap");
+        for host in VirtualHost::OF_THE_BALL {
+            let name = layout::capture(&host);
             write_capture(&folder.join(&name), fake.settings)?;
             names.push(name);
         }
@@ -201,7 +201,7 @@ fn record(fake: &FakeWindow<'_>, rows: &[ControlRow], files: Vec<FileRecord>) ->
         cpu_share: 0.0,
         conditions: ConditionsRecord::default(),
         captures: if settings.capture.enabled {
-            VirtualHost::ALL
+            VirtualHost::OF_THE_BALL
                 .map(|host| CaptureRecord {
                     host,
                     packets: 0,
@@ -213,7 +213,7 @@ fn record(fake: &FakeWindow<'_>, rows: &[ControlRow], files: Vec<FileRecord>) ->
             Vec::new()
         },
         network_seed: None,
-        links: VirtualHost::ALL
+        links: VirtualHost::OF_THE_BALL
             .map(|host| LinkRecord {
                 host,
                 up: PassRecord::default(),

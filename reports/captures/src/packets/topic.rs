@@ -28,8 +28,8 @@ impl Topic {
     #[must_use]
     pub const fn sender(self) -> VirtualHost {
         match self {
-            Self::State => VirtualHost::Sta2,
-            Self::Command => VirtualHost::Sta1,
+            Self::State => VirtualHost::STA2,
+            Self::Command => VirtualHost::STA1,
         }
     }
 
@@ -37,8 +37,8 @@ impl Topic {
     #[must_use]
     pub const fn receiver(self) -> VirtualHost {
         match self {
-            Self::State => VirtualHost::Sta1,
-            Self::Command => VirtualHost::Sta2,
+            Self::State => VirtualHost::STA1,
+            Self::Command => VirtualHost::STA2,
         }
     }
 

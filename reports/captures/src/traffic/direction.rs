@@ -3,7 +3,7 @@
 
 use std::collections::{HashMap, VecDeque};
 
-use record::virtual_host::VirtualHost;
+use record::{topology::address_in_the_ball, virtual_host::VirtualHost};
 
 use super::connection::{Connection, Rtt};
 use crate::packets::{Segment, Topic};
@@ -74,7 +74,7 @@ impl Directions {
         out: &mut impl FnMut(Topic, Passing),
     ) {
         let ends = [*segment.source.ip(), *segment.destination.ip()];
-        let is_of = |topic: &Topic| [topic.sender(), topic.receiver()].map(VirtualHost::address) == ends;
+        let is_of = |topic: &Topic| [topic.sender(), topic.receiver()].map(address_in_the_ball) == ends;
         let Some(topic) = Topic::ALL.into_iter().find(is_of) else {
             return;
         };

@@ -9,6 +9,8 @@ use simulation::{
     ros::float64_multi_array::Encoder,
 };
 
+use record::topology::address_in_the_ball;
+
 use super::*;
 
 const STATE_PORTS: (u16, u16) = (41000, 42000);
@@ -79,8 +81,12 @@ impl Connection {
         payload: &[u8],
     ) -> Vec<u8> {
         let [sender, receiver] = [from.sender(), from.receiver()];
-        let builder = PacketBuilder::ethernet2(sender.mac(), receiver.mac())
-            .ipv4(sender.address().octets(), receiver.address().octets(), 64)
+        let builder = PacketBuilder::ethernet2([0, 0, 0, 0, 0, 1], [0, 0, 0, 0, 0, 2])
+            .ipv4(
+                address_in_the_ball(sender).octets(),
+                address_in_the_ball(receiver).octets(),
+                64,
+            )
             .tcp(source, destination, sequence, 1024)
             .ack(acknowledged);
         let mut frame = Vec::new();
@@ -215,14 +221,14 @@ fn packets(connection: Connection, stream: &[u8], transmissions: &[Transmission]
         if let Some(at_ns) = it.arrived_ns {
             packets.push(Seen {
                 at_ns,
-                host: VirtualHost::Sta1,
+                host: VirtualHost::STA1,
                 frame: frame.clone(),
             });
             arrivals.push((at_ns, it));
         }
         packets.push(Seen {
             at_ns: it.sent_ns,
-            host: VirtualHost::Sta2,
+            host: VirtualHost::STA2,
             frame,
         });
     }
@@ -234,12 +240,12 @@ fn packets(connection: Connection, stream: &[u8], transmissions: &[Transmission]
         let frame = connection.acknowledgement(whole, at_ns);
         packets.push(Seen {
             at_ns: at_ns + 1,
-            host: VirtualHost::Sta1,
+            host: VirtualHost::STA1,
             frame: frame.clone(),
         });
         packets.push(Seen {
             at_ns: at_ns + 20 * MILLISECOND,
-            host: VirtualHost::Sta2,
+            host: VirtualHost::STA2,
             frame,
         });
     }
@@ -290,7 +296,7 @@ proptest! {
         let mut packets = packets(connection, &stream, &course);
         packets.retain(|packet| {
             let index = usize::try_from(packet.at_ns / MILLISECOND / 20 - 1).unwrap();
-            packet.host == VirtualHost::Sta1 || packet.frame.len() < 100 || !dropped.contains(&index)
+            packet.host == VirtualHost::STA1 || packet.frame.len() < 100 || !dropped.contains(&index)
         });
         let numbers: Vec<u64> = deliveries(packets).iter().map(|(_, delivery)| delivery.label.seq).collect();
         let kept: Vec<u64> = (1..=20).filter(|seq| !dropped.contains(&(*seq as usize - 1))).collect();
@@ -451,13 +457,13 @@ fn ports_that_are_used_anew_are_another_connection() {
         open(&mut syn);
         packets.push(Seen {
             at_ns,
-            host: VirtualHost::Sta2,
+            host: VirtualHost::STA2,
             frame: syn,
         });
         let data = connection.frame(Topic::State, STATE_PORTS, first + 1, 1, at_ns, &bytes);
         packets.push(Seen {
             at_ns: at_ns + 1,
-            host: VirtualHost::Sta2,
+            host: VirtualHost::STA2,
             frame: data,
         });
     }

@@ -12,7 +12,9 @@ use crate::input::run::Run;
 
 /// Draws each network of the run once.
 pub(super) fn draw(run: &Run) -> Result<Vec<Figure>, FigureError> {
-    let groups = alike(of_the_ball(run), |scenario| {
+    // Of other networks a drawing with one description of all links would be wrong.
+    let drawable = of_the_ball(run).filter(|scenario| has_equal_links(&scenario.planned.settings.network));
+    let groups = alike(drawable, |scenario| {
         let settings = &scenario.planned.settings;
         // What is drawn one way whatever it is, such as a seed, makes no other drawing.
         (
@@ -43,6 +45,12 @@ pub(super) fn draw(run: &Run) -> Result<Vec<Figure>, FigureError> {
         Some(drawn(about, |area| draw_network(area, links, *backend, *master)))
     });
     figures.collect()
+}
+
+/// Whether all hosts are at one switch, by links that do the same.
+fn has_equal_links(network: &NetworkSettings) -> bool {
+    let topology = network.topology();
+    topology.switches.len() == 1 && topology.links().all(|(_, link)| link == network.link())
 }
 
 /// Of one end of a link.

@@ -8,7 +8,7 @@ pub(super) fn of(report: &Report) -> Option<Table> {
     let rows: Vec<Vec<String>> = report
         .scenarios
         .iter()
-        .filter(|scenario| scenario.experiment.network().is_some())
+        .filter(|scenario| scenario.experiment.is_ball())
         .map(|scenario| {
             let mut row = vec![scenario.id.clone(), clipped(&scenario.slug)];
             row.extend(scenario.health.as_ref().map_or_else(without_data, cells));

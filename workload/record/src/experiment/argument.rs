@@ -4,6 +4,11 @@ use std::{collections::BTreeMap, fmt};
 
 use serde::{Deserialize, Deserializer, Serialize, Serializer, de::Error as _};
 
+use crate::{
+    topology::{self, Topology},
+    virtual_host::VirtualHost,
+};
+
 /// An argument is no longer: the kernel takes 128 KiB (`MAX_ARG_STRLEN`).
 pub(super) const LONGEST: usize = 32 << 10;
 
@@ -29,6 +34,8 @@ pub enum Placeholder {
     WindowNumber,
     /// `{window.seed}`: [`super::seed_of`] the window.
     WindowSeed,
+    /// `{hosts.NAME.address}`: the address of a virtual host.
+    HostAddress(VirtualHost),
     /// `{window.folder}`: the folder, absolute and empty, into which the command writes what the metrics are read from.
     WindowFolder,
 }
@@ -42,21 +49,37 @@ pub struct WindowValues<'a> {
     pub folder: &'a str,
 }
 
+/// What placeholders stand for.
+#[derive(Debug, Clone, Copy)]
+pub struct Values<'a> {
+    /// The scenario's parameters.
+    pub parameters: &'a BTreeMap<String, String>,
+    /// The network of the command, if it has one.
+    pub topology: Option<&'a Topology>,
+    /// The window, if the command is run in one.
+    pub window: Option<WindowValues<'a>>,
+}
+
 const PARAMETERS: &str = "parameters.";
+const HOSTS: &str = "hosts.";
+const ADDRESS: &str = ".address";
 
 impl Placeholder {
     /// Those that stand for one thing each, and what a parameter looks like.
-    const KNOWN: &str = "`{window.number}`, `{window.seed}`, `{window.folder}` and `{parameters.NAME}`";
+    const KNOWN: &str = "`{window.number}`, `{window.seed}`, `{window.folder}`, `{parameters.NAME}` and `{hosts.NAME.address}`";
 
     fn named(name: &str) -> Option<Self> {
         match name {
             "window.number" => Some(Self::WindowNumber),
             "window.seed" => Some(Self::WindowSeed),
             "window.folder" => Some(Self::WindowFolder),
-            _ => name
-                .strip_prefix(PARAMETERS)
-                .filter(|name| is_parameter(name))
-                .map(|name| Self::Parameter(name.to_owned())),
+            _ => match name.strip_prefix(HOSTS) {
+                Some(host) => host.strip_suffix(ADDRESS)?.parse().ok().map(Self::HostAddress),
+                None => name
+                    .strip_prefix(PARAMETERS)
+                    .filter(|name| is_parameter(name))
+                    .map(|name| Self::Parameter(name.to_owned())),
+            },
         }
     }
 }
@@ -65,6 +88,7 @@ impl fmt::Display for Placeholder {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self {
             Self::Parameter(name) => write!(f, "{{{PARAMETERS}{name}}}"),
+            Self::HostAddress(host) => write!(f, "{{{HOSTS}{host}{ADDRESS}}}"),
             Self::WindowNumber => f.write_str("{window.number}"),
             Self::WindowSeed => f.write_str("{window.seed}"),
             Self::WindowFolder => f.write_str("{window.folder}"),
@@ -169,9 +193,13 @@ impl Argument {
 
     /// The argument with values in place of placeholders. What has none stays as it is written: settings without problems have all.
     #[must_use]
-    pub fn filled(&self, parameters: &BTreeMap<String, String>, window: Option<WindowValues<'_>>) -> String {
-        let value = |placeholder: &Placeholder| match (placeholder, window) {
-            (Placeholder::Parameter(name), _) => parameters.get(name).cloned(),
+    pub fn filled(&self, values: Values<'_>) -> String {
+        let value = |placeholder: &Placeholder| match (placeholder, values.window) {
+            (Placeholder::Parameter(name), _) => values.parameters.get(name).cloned(),
+            (Placeholder::HostAddress(host), _) => {
+                let position = values.topology.and_then(|topology| topology.position(*host));
+                position.map(|position| topology::address(position).to_string())
+            }
             (_, None) => None,
             (Placeholder::WindowNumber, Some(window)) => Some(window.number.to_string()),
             (Placeholder::WindowSeed, Some(window)) => Some(super::seed_of(window.number).to_string()),
@@ -227,9 +255,11 @@ mod tests {
             number: 7,
             folder: "/w {1}",
         };
-        Argument::parse(written)
-            .unwrap()
-            .filled(&parameters, Some(window))
+        Argument::parse(written).unwrap().filled(Values {
+            parameters: &parameters,
+            topology: None,
+            window: Some(window),
+        })
     }
 
     #[rstest]

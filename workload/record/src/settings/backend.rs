@@ -47,8 +47,11 @@ const SEED_OF_NETEM: Refusal = Refusal {
 const BANDWIDTH_OF_MININET: Refusal = Refusal {
     path: "network.bandwidth",
     problem: |network| {
-        (network.bandwidth.bits_per_second() > MININET_MOST_BITS_PER_SECOND)
-            .then(|| format!("Mininet ignores a bandwidth of {}", network.bandwidth))
+        let topology = network.topology();
+        let mut bandwidths = topology.links().map(|(_, link)| link.bandwidth);
+        bandwidths
+            .find(|bandwidth| bandwidth.bits_per_second() > MININET_MOST_BITS_PER_SECOND)
+            .map(|bandwidth| format!("Mininet ignores a bandwidth of {bandwidth}"))
     },
     hint: "write at most `1000Mbit`, or use another `backend`",
 };

@@ -30,15 +30,15 @@ struct CaptureNeed {
 }
 
 impl Need {
-    /// Of settings; none of a command, which finds what it needs in the user's image or on the machine, or says so.
+    /// Of settings; none of a command on no network, which finds what it needs in the user's image or on the machine, or says so.
     #[must_use]
     pub fn of(settings: &Settings) -> Option<Self> {
-        settings.experiment.is_none().then(|| Self::of_the_ball(settings))
+        settings.network_in_use().map(|_| Self::of_the_network(settings))
     }
 
-    /// Of settings, as far as they are of the ball on the plate.
+    /// Of settings, as far as they are of an emulated network and what is on it.
     #[must_use]
-    pub fn of_the_ball(settings: &Settings) -> Self {
+    pub fn of_the_network(settings: &Settings) -> Self {
         let offloads = match settings.network.backend.facts().programs_without_offloads {
             Some(_) => settings.network.offloads,
             None => Settings::default().network.offloads,
@@ -48,7 +48,7 @@ impl Need {
                 backend: settings.network.backend,
                 offloads,
             },
-            master: settings.ros.master,
+            master: settings.master_in_use().unwrap_or(RosMaster::Embedded),
             capture: settings.capture.enabled.then(|| CaptureNeed {
                 tool: settings.capture.tool,
                 filter: settings.capture.filter.clone(),
@@ -107,7 +107,7 @@ impl Need {
 fn with(change: impl FnOnce(&mut Settings)) -> Need {
     let mut settings = Settings::default();
     change(&mut settings);
-    Need::of_the_ball(&settings)
+    Need::of_the_network(&settings)
 }
 
 /// The settings that make it, as a matrix file names them; of the defaults, the network.
@@ -155,7 +155,10 @@ mod tests {
             },
             ..settings(serde_json::json!({"network": {"loss": "5%", "offloads": "none", "seed": 7}}))
         };
-        assert_eq!(Need::of_the_ball(&other), Need::of_the_ball(&Settings::default()));
+        assert_eq!(
+            Need::of_the_network(&other),
+            Need::of_the_network(&Settings::default())
+        );
     }
 
     #[rstest::rstest]
@@ -202,11 +205,11 @@ mod tests {
         #[case] programs: &[&str],
         #[case] words: &str,
     ) {
-        let need = Need::of_the_ball(&settings(json));
+        let need = Need::of_the_network(&settings(json));
         assert_eq!(need.programs(), programs);
         assert_eq!(need.to_string(), words);
         assert_eq!(
-            Need::of_the_ball(&need.settings()),
+            Need::of_the_network(&need.settings()),
             need,
             "the settings it stands for"
         );

@@ -1,5 +1,7 @@
 use proptest::prelude::*;
 
+use record::settings::NetworkSettings;
+
 use super::*;
 
 const MS: u64 = 1_000_000;
@@ -38,7 +40,7 @@ fn drain<P>(end: &mut LinkEnd<P>) -> Vec<(u64, P)> {
 
 #[test]
 fn the_settings_defaults_are_the_papers() {
-    assert_eq!(Impairment::from(&NetworkSettings::default()), PAPER);
+    assert_eq!(Impairment::from(&NetworkSettings::default().link()), PAPER);
 }
 
 #[test]

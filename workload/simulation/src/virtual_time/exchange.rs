@@ -65,7 +65,7 @@ impl Conditions {
     #[must_use]
     pub fn of(settings: &NetworkSettings) -> Self {
         Self {
-            impairment: Impairment::from(settings),
+            impairment: Impairment::from(&settings.link()),
             nagle: true,
             stack_ns: 0,
             reads_after_ns: 0,

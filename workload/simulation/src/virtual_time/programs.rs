@@ -152,7 +152,7 @@ mod tests {
     fn every_question_is_answered_once_and_in_order_whatever_is_lost(#[case] nagle: bool) {
         let impairment = Impairment {
             loss: 0.05,
-            ..Impairment::from(&NetworkSettings::default())
+            ..Impairment::from(&NetworkSettings::default().link())
         };
         let answers = answers(impairment, nagle, 100_000 * MS);
         let numbers: Vec<i64> = answers.iter().map(|(number, _)| *number).collect();

@@ -8,6 +8,7 @@ use std::{
 
 use record::{
     settings::{Dynamics, LateTicks, Limit, Settings, ValiditySettings},
+    topology::Topology,
     window::{LinkRecord, Verdict, WindowRecord},
 };
 use rstest::rstest;
@@ -21,8 +22,14 @@ use crate::network::{NetworkError, Work};
 const STEPS: u64 = 10;
 const STEP_NS: i64 = 20 * MILLISECOND_NS;
 
+const NOBODY: Topology = Topology {
+    hosts: Vec::new(),
+    switches: Vec::new(),
+};
+
 /// No hosts and no links; it may have broken down.
 struct Unlinked {
+    topology: Topology,
     broken: bool,
 }
 
@@ -36,8 +43,8 @@ impl Network for Unlinked {
         Ok(())
     }
 
-    fn interface(&self, host: VirtualHost) -> String {
-        host.interface()
+    fn topology(&self) -> &Topology {
+        &self.topology
     }
 
     fn impair(&self) -> Result<(), NetworkError> {
@@ -153,7 +160,7 @@ fn record_ticks(
     loops_do(&mut loops);
     drop(loops);
     let sources = Sources {
-        board: NoticeQueue::new(),
+        board: NoticeQueue::on(VirtualHost::OF_THE_BALL),
         rows: row_source,
         plant_rows: plant_source,
         processes: Vec::new(),
@@ -191,7 +198,10 @@ impl Recorded {
     }
 }
 
-const WHOLE: Unlinked = Unlinked { broken: false };
+const WHOLE: Unlinked = Unlinked {
+    topology: NOBODY,
+    broken: false,
+};
 
 #[test]
 fn lost_ticks_are_no_fault_of_a_window_also_where_they_are_its_last_and_first() {
@@ -366,7 +376,14 @@ fn rows_that_the_queue_had_no_room_for_make_their_window_invalid(#[case] lost: &
 
 #[test]
 fn a_network_that_broke_down_ends_the_run_and_stops_the_loops() {
-    let recorded = record(&[1], &Unlinked { broken: true }, |loops| loops.steps(0..5));
+    let recorded = record(
+        &[1],
+        &Unlinked {
+            topology: NOBODY,
+            broken: true,
+        },
+        |loops| loops.steps(0..5),
+    );
     assert!(matches!(recorded.outcome, Err(ExperimentError::Network(_))));
     assert!(recorded.stop.load(Ordering::Relaxed));
     let cut = recorded.window(1);

@@ -5,6 +5,8 @@
 
 use std::path::Path;
 
+use record::topology::{MOST_HOSTS, MOST_SWITCHES};
+
 use super::{
     super::{error::NetworkError, kernel::tools},
     PREFIX,
@@ -45,7 +47,7 @@ pub fn find() -> Result<Vec<String>, NetworkError> {
 /// # Errors
 /// If Open vSwitch refuses.
 pub fn remove(bridge: &str) -> Result<(), NetworkError> {
-    for port in (1..=3).map(|port| format!("{bridge}-eth{port}")) {
+    for port in (1..=MOST_HOSTS + MOST_SWITCHES).map(|port| format!("{bridge}-eth{port}")) {
         if Path::new("/sys/class/net").join(&port).exists() {
             // It may go by itself meanwhile, with the namespace that its other end is in.
             let _ = tools::run_here("ip", &["link", "delete", &port]);

@@ -1,8 +1,8 @@
-"""The paper's network by Mininet's own API: three hosts, one Open vSwitch switch, an OpenFlow controller, TCLinks.
+"""A network by Mininet's own API: hosts, Open vSwitch switches, an OpenFlow controller, TCLinks.
 
 The workload starts this program and speaks with it in lines of JSON: a request on standard input, an answer on
 standard output. The end of standard input is the end of the network, whatever became of the workload. Every name that
-it makes on the machine begins with the one in the first request, and the bridge says in OVSDB whose it is.
+it makes on the machine begins with the one in the first request, and each bridge says in OVSDB whose it is.
 """
 
 import json
@@ -161,36 +161,40 @@ def up(request):
     name = request["name"]
     record_version("mn", "--version")
     controller = net.addController(name + "-c", port=free_port(), cargs="ptcp:%d:127.0.0.1")
-    switch = net.addSwitch(name, dpid=name.encode().hex()[-16:])
+    switches = [net.addSwitch(it["name"], dpid=it["name"].encode().hex()[-16:]) for it in request["switches"]]
     for host in request["hosts"]:
         node = net.addHost(host["name"], ip=host["ip"], mac=host["mac"])
-        net.addLink(node, switch, addr1=host["mac"])
+        net.addLink(node, switches[host["switch"]], addr1=host["mac"])
+    for switch, it in zip(switches, request["switches"]):
+        if it["uplink"] is not None:
+            net.addLink(switch, switches[it["uplink"]])
     record_version("ovs-vswitchd", "--version")
     record_version(controller.command, "--version")
     record_version("tc", "-V")
     net.start()
-    (uuid,) = switch.controllerUUIDs()
-    switch.cmd("ovs-vsctl -t 30 wait-until Controller", uuid, "is_connected=true")
+    for switch in switches:
+        (uuid,) = switch.controllerUUIDs()
+        switch.cmd("ovs-vsctl -t 30 wait-until Controller", uuid, "is_connected=true")
     if not controller.runs():
         raise RuntimeError(f"the OpenFlow controller {controller.command} ended on port {controller.port}")
-    if not switch.connected():
-        raise RuntimeError("the switch has not found its OpenFlow controller within 30 s")
+    if not all(switch.connected() for switch in switches):
+        raise RuntimeError("a switch has not found its OpenFlow controller within 30 s")
     return {
         "pids": [host.pid for host in net.hosts],
-        "ports": [link.intf2.name for link in net.links],
+        "links": [[link.intf1.name, link.intf2.name] for link in net.links],
     }
 
 
 def impair(request):
     """Mininet's own commands, at both ends of every link."""
-    for link in network[0].links:
+    for link, wanted in zip(network[0].links, request["links"]):
         for interface in (link.intf1, link.intf2):
             outcome = interface.config(
-                bw=request["bandwidth_mbit"],
-                delay=request["delay"],
-                jitter=request["jitter"],
-                loss=request["loss_percent"],
-                max_queue_size=request["limit_packets"],
+                bw=wanted["bandwidth_mbit"],
+                delay=wanted["delay"],
+                jitter=wanted["jitter"],
+                loss=wanted["loss_percent"],
+                max_queue_size=wanted["limit_packets"],
             )
             said = "".join(outcome["tcoutputs"]).strip()
             if said and not said.startswith("Warning:"):
@@ -201,17 +205,17 @@ def impair(request):
 def inspect(_request):
     """All that was run so far, and how the network stands now."""
     net = network[0]
-    (switch,) = net.switches
 
     def look(node, *command):
         record(" ".join(command), node.cmd(*command))
 
-    look(switch, "ovs-vsctl show")
+    look(net.switches[0], "ovs-vsctl show")
     # The datapath: `system@…` is the kernel's, `netdev@…` that of the daemon itself.
-    look(switch, "ovs-appctl --timeout=10 dpif/show")
-    look(switch, "ovs-vsctl list Controller", *switch.controllerUUIDs())
-    look(switch, "ovs-ofctl dump-flows", switch.name)
-    look(switch, "ovs-ofctl dump-ports", switch.name)
+    look(net.switches[0], "ovs-appctl --timeout=10 dpif/show")
+    for switch in net.switches:
+        look(switch, "ovs-vsctl list Controller", *switch.controllerUUIDs())
+        look(switch, "ovs-ofctl dump-flows", switch.name)
+        look(switch, "ovs-ofctl dump-ports", switch.name)
     for link in net.links:
         for interface in (link.intf1, link.intf2):
             look(interface.node, "tc -s qdisc show dev", interface.name)

@@ -18,7 +18,8 @@ use nix::{
     unistd::Pid,
 };
 use record::{
-    settings::{NetworkSettings, Offloads},
+    settings::Offloads,
+    topology::{Link, Topology, TopologyHost, address, mac},
     virtual_host::VirtualHost,
 };
 use serde::{Deserialize, Serialize, de::DeserializeOwned};
@@ -45,14 +46,15 @@ pub enum Request {
     Survey,
     /// Build the network, links unimpaired: [`Up`].
     Up {
-        /// The bridge's, and what all other names begin with.
+        /// What all names begin with.
         name: String,
-        hosts: [Host; 3],
+        hosts: Vec<Host>,
+        switches: Vec<Switch>,
         datapath: Datapath,
         offloads: Offloads,
     },
-    /// Impair the links: [`Done`].
-    Impair(Impair),
+    /// Impair the links, given in the order in which they were made: [`Done`].
+    Impair { links: Vec<Impair> },
     /// All that was run, and how the network stands: [`Transcript`].
     Inspect,
 }
@@ -70,10 +72,21 @@ pub enum Datapath {
 /// A host as Mininet is told of it.
 #[derive(Debug, Serialize)]
 pub struct Host {
-    name: &'static str,
+    name: VirtualHost,
     /// With the length of the network's prefix.
     ip: String,
     mac: String,
+    /// The position of its switch.
+    switch: usize,
+}
+
+/// A switch as Mininet is told of it.
+#[derive(Debug, Serialize)]
+pub struct Switch {
+    /// The bridge's.
+    name: String,
+    /// The position of the switch that it is connected to.
+    uplink: Option<usize>,
 }
 
 /// The parameters of Mininet's `TCIntf.config` (`mininet/link.py`).
@@ -89,10 +102,10 @@ pub struct Impair {
 /// The network is there.
 #[derive(Debug, Deserialize)]
 pub struct Up {
-    /// The hosts' shells, in [`VirtualHost::ALL`]'s order.
-    pub pids: [u32; 3],
-    /// The switch's ends of their links.
-    pub ports: [String; 3],
+    /// The hosts' shells, in the topology's order.
+    pub pids: Vec<u32>,
+    /// The interfaces of both ends of each link, the lower one first, in the topology's order.
+    pub links: Vec<[String; 2]>,
 }
 
 /// What was run, as in a shell, each command followed by what it printed.
@@ -118,34 +131,57 @@ enum Answer<T> {
 impl Request {
     /// Such a network, all names on the machine beginning with `name`.
     #[must_use]
-    pub fn up(name: &str, datapath: Datapath, settings: &NetworkSettings) -> Self {
+    pub fn up(name: &str, datapath: Datapath, topology: &Topology, offloads: Offloads) -> Self {
+        let hosts = topology.hosts.iter().enumerate();
+        let switches = topology.switches.iter().enumerate();
         Self::Up {
             name: name.to_owned(),
-            hosts: VirtualHost::ALL.map(Host::from),
+            hosts: hosts.map(|(position, host)| Host::at(position, host)).collect(),
+            switches: switches
+                .map(|(position, switch)| Switch {
+                    name: bridge(name, position),
+                    uplink: switch.uplink.map(|(upper, _)| upper),
+                })
+                .collect(),
             datapath,
-            offloads: settings.offloads,
+            offloads,
+        }
+    }
+
+    /// Each link as the topology has it.
+    #[must_use]
+    pub fn impair(topology: &Topology) -> Self {
+        Self::Impair {
+            links: topology.links().map(|(_, link)| Impair::from(&link)).collect(),
         }
     }
 }
 
-impl From<VirtualHost> for Host {
-    fn from(host: VirtualHost) -> Self {
+/// The name of the bridge of the switch in that position.
+#[must_use]
+pub fn bridge(name: &str, position: usize) -> String {
+    format!("{name}{position:x}")
+}
+
+impl Host {
+    fn at(position: usize, host: &TopologyHost) -> Self {
         Self {
-            name: host.name(),
-            ip: format!("{}/8", host.address()),
-            mac: host.mac().map(|byte| format!("{byte:02x}")).join(":"),
+            name: host.name,
+            ip: format!("{}/8", address(position)),
+            mac: mac(position).map(|byte| format!("{byte:02x}")).join(":"),
+            switch: host.switch,
         }
     }
 }
 
-impl From<&NetworkSettings> for Impair {
-    fn from(settings: &NetworkSettings) -> Self {
+impl From<&Link> for Impair {
+    fn from(link: &Link) -> Self {
         Self {
-            bandwidth_mbit: settings.bandwidth.bits_per_second() as f64 / 1e6,
-            delay: tc_time(settings.delay),
-            jitter: tc_time(settings.jitter),
-            loss_percent: settings.loss.probability() * 100.0,
-            limit_packets: settings.limit_packets,
+            bandwidth_mbit: link.bandwidth.bits_per_second() as f64 / 1e6,
+            delay: tc_time(link.delay),
+            jitter: tc_time(link.jitter),
+            loss_percent: link.loss.probability() * 100.0,
+            limit_packets: link.limit_packets,
         }
     }
 }

@@ -10,8 +10,8 @@ const PORTS: (u16, u16) = (41_000, 42_000);
 /// A state of 100 bytes, the number-th of its connection; `identification` counts what the host sends.
 fn state(number: u32, identification: u16) -> Segment<'static> {
     Segment {
-        source: (Topic::State.sender().address(), PORTS.0).into_addr(),
-        destination: (Topic::State.receiver().address(), PORTS.1).into_addr(),
+        source: (address_in_the_ball(Topic::State.sender()), PORTS.0).into_addr(),
+        destination: (address_in_the_ball(Topic::State.receiver()), PORTS.1).into_addr(),
         identification,
         sequence: number * 100,
         acknowledged: Some(1),
@@ -25,8 +25,8 @@ fn state(number: u32, identification: u16) -> Segment<'static> {
 /// What acknowledges the states before the number-th.
 fn acknowledgement(number: u32) -> Segment<'static> {
     Segment {
-        source: (Topic::Command.sender().address(), PORTS.1).into_addr(),
-        destination: (Topic::Command.receiver().address(), PORTS.0).into_addr(),
+        source: (address_in_the_ball(Topic::Command.sender()), PORTS.1).into_addr(),
+        destination: (address_in_the_ball(Topic::Command.receiver()), PORTS.0).into_addr(),
         acknowledged: Some(number * 100),
         payload_bytes: 0,
         sent_clock: None,
@@ -174,7 +174,7 @@ fn one_that_nobody_saw_leave_is_a_stray() {
 #[test]
 fn packets_of_others_are_none_of_it() {
     let mut other = state(1, 1);
-    other.source = (VirtualHost::H1.address(), 11_311).into_addr();
+    other.source = (address_in_the_ball(VirtualHost::H1), 11_311).into_addr();
     assert_eq!(passings(&[(0, VirtualHost::H1, other), (9, RECEIVER, other)]), []);
 }
 

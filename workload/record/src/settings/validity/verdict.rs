@@ -246,7 +246,7 @@ mod tests {
             cpu_share: 0.0,
             conditions: ConditionsRecord::default(),
             captures: vec![CaptureRecord {
-                host: VirtualHost::Sta1,
+                host: VirtualHost::STA1,
                 packets: 996,
                 dropped: 0,
                 tool: "builtin".into(),

@@ -27,7 +27,7 @@ fn run(conditions: &Conditions, seed: u64, messages: i64, every_ns: i64, bytes: 
 fn conditions(loss: f64, nagle: bool) -> Conditions {
     let impairment = Impairment {
         loss,
-        ..Impairment::from(&NetworkSettings::default())
+        ..Impairment::from(&NetworkSettings::default().link())
     };
     Conditions {
         impairment,

@@ -1,5 +1,7 @@
 use std::time::Instant;
 
+use record::settings::NetworkSettings;
+
 use super::*;
 
 const SHORT: Duration = Duration::from_millis(200);
@@ -20,19 +22,28 @@ fn error(outcome: Result<Done, NetworkError>) -> MininetError {
 #[test]
 fn requests_are_lines_of_json_with_what_mininet_is_told() {
     let settings = NetworkSettings::default();
-    let line = serde_json::to_string(&Request::up("mx0000002a", Datapath::Kernel, &settings)).unwrap();
+    let line = serde_json::to_string(&Request::up(
+        "mx00002a",
+        Datapath::Kernel,
+        &settings.topology(),
+        settings.offloads,
+    ))
+    .unwrap();
     assert_eq!(
         line,
-        r#"{"do":"up","name":"mx0000002a","hosts":["#.to_owned()
-            + r#"{"name":"h1","ip":"10.0.0.1/8","mac":"00:00:00:00:00:01"},"#
-            + r#"{"name":"sta1","ip":"10.0.0.2/8","mac":"00:00:00:00:00:02"},"#
-            + r#"{"name":"sta2","ip":"10.0.0.3/8","mac":"00:00:00:00:00:03"}],"#
+        r#"{"do":"up","name":"mx00002a","hosts":["#.to_owned()
+            + r#"{"name":"h1","ip":"10.0.0.1/8","mac":"00:00:00:00:00:01","switch":0},"#
+            + r#"{"name":"sta1","ip":"10.0.0.2/8","mac":"00:00:00:00:00:02","switch":0},"#
+            + r#"{"name":"sta2","ip":"10.0.0.3/8","mac":"00:00:00:00:00:03","switch":0}],"#
+            + r#""switches":[{"name":"mx00002a0","uplink":null}],"#
             + r#""datapath":"kernel","offloads":"mininet"}"#
     );
-    let line = serde_json::to_string(&Request::Impair(Impair::from(&settings))).unwrap();
+    let line = serde_json::to_string(&Request::impair(&settings.topology())).unwrap();
+    let link =
+        r#"{"bandwidth_mbit":10.0,"delay":"10ms","jitter":"1ms","loss_percent":1.0,"limit_packets":1000}"#;
     assert_eq!(
         line,
-        r#"{"do":"impair","bandwidth_mbit":10.0,"delay":"10ms","jitter":"1ms","loss_percent":1.0,"limit_packets":1000}"#
+        format!(r#"{{"do":"impair","links":[{link},{link},{link}]}}"#)
     );
     assert_eq!(
         serde_json::to_string(&Request::Survey).unwrap(),
@@ -47,16 +58,21 @@ fn requests_are_lines_of_json_with_what_mininet_is_told() {
 #[test]
 fn the_answer_is_what_the_program_made() {
     let mut script = answering(
-        r#"read request; echo '{"pids": [11, 12, 13], "ports": ["mx-eth1", "mx-eth2", "mx-eth3"]}'; read end"#,
+        r#"read request; echo '{"pids": [11, 12, 13], "links": [["h1-eth0", "mx-eth1"]]}'; read end"#,
     );
     let up: Up = script
         .ask(
-            &Request::up("mx", Datapath::User, &NetworkSettings::default()),
+            &Request::up(
+                "mx",
+                Datapath::User,
+                &NetworkSettings::default().topology(),
+                Offloads::None,
+            ),
             LONG,
         )
         .unwrap();
     assert_eq!(up.pids, [11, 12, 13]);
-    assert_eq!(up.ports[2], "mx-eth3");
+    assert_eq!(up.links, [["h1-eth0", "mx-eth1"]]);
     assert!(!script.has_ended());
 }
 

@@ -32,9 +32,10 @@ pub fn begin_on_host<T: Send + 'static>(
     host: VirtualHost,
     make: impl FnOnce() -> Result<T, ExperimentError> + Send + 'static,
 ) -> Result<Making<T>, ExperimentError> {
-    let name = host.name();
-    network::spawn(network, host, name.to_owned(), make)
-        .map_err(|source| ExperimentError::Thread { name, source })
+    network::spawn(network, host, host.to_string(), make).map_err(|source| ExperimentError::Thread {
+        name: host.to_string().into(),
+        source,
+    })
 }
 
 /// Waits for it.
@@ -42,7 +43,7 @@ pub fn begin_on_host<T: Send + 'static>(
 /// # Errors
 /// What the work says, or that it ended in a panic.
 pub fn outcome_of<T>(making: Making<T>, host: VirtualHost) -> Result<T, ExperimentError> {
-    making
-        .join()
-        .unwrap_or(Err(ExperimentError::ThreadEnded { name: host.name() }))
+    making.join().unwrap_or(Err(ExperimentError::ThreadEnded {
+        name: host.to_string().into(),
+    }))
 }

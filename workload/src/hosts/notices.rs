@@ -3,7 +3,7 @@
 
 use std::sync::mpsc::Receiver;
 
-use record::{progress::Progress, virtual_host::VirtualHost};
+use record::{progress::Progress, virtual_host::VirtualHost, window::NoticesRecord};
 
 use crate::ros::{Notice, Notices};
 
@@ -16,7 +16,7 @@ const MOST_SAID: u32 = 200;
 /// One queue for each virtual host.
 #[derive(Debug)]
 pub struct NoticeQueue {
-    queues: [(Notices, Receiver<Notice>); 3],
+    queues: Vec<(VirtualHost, Notices, Receiver<Notice>)>,
     said: u32,
     forgotten: u64,
 }
@@ -30,12 +30,25 @@ pub struct News {
     pub forgotten: u64,
 }
 
+impl News {
+    /// Adds them to a window's record, as far as that has room.
+    pub fn add_to(self, record: &mut NoticesRecord) {
+        let room = NoticesRecord::MOST.saturating_sub(record.first.len());
+        record.count += self.texts.len() as u64 + self.forgotten;
+        record.first.extend(self.texts.into_iter().take(room));
+    }
+}
+
 impl NoticeQueue {
-    /// An empty one.
+    /// One for those hosts, empty.
     #[must_use]
-    pub fn new() -> Self {
+    pub fn on(hosts: impl IntoIterator<Item = VirtualHost>) -> Self {
+        let queue = |host| {
+            let (notices, queue) = Notices::queue(MOST_WAITING);
+            (host, notices, queue)
+        };
         Self {
-            queues: VirtualHost::ALL.map(|_| Notices::queue(MOST_WAITING)),
+            queues: hosts.into_iter().map(queue).collect(),
             said: 0,
             forgotten: 0,
         }
@@ -44,24 +57,29 @@ impl NoticeQueue {
     /// For whoever runs on that host.
     #[must_use]
     pub fn of(&self, host: VirtualHost) -> Notices {
-        self.queues[host.index()].0.clone()
+        let found = self.queues.iter().find(|(of, ..)| *of == host);
+        found.map_or_else(Notices::ignored, |(_, notices, _)| notices.clone())
     }
 
     /// Says what has come since the last look, as far as a run may, and gives it back for the window's record.
     pub fn look(&mut self, say: impl Fn(&Progress)) -> News {
         let mut news = News::default();
-        for (host, (_, queue)) in VirtualHost::ALL.into_iter().zip(&self.queues) {
+        for (host, _, queue) in &self.queues {
             // No more than the queue holds: whoever fills it may be as fast as this.
             for notice in queue.try_iter().take(MOST_WAITING) {
                 let text = notice.to_string();
                 news.texts.push(format!("{host}: {text}"));
                 if self.said < MOST_SAID {
                     self.said += 1;
-                    say(&Progress::Notice { host, text });
+                    say(&Progress::Notice { host: *host, text });
                 }
             }
         }
-        let forgotten = self.queues.iter().map(|(notices, _)| notices.forgotten()).sum();
+        let forgotten = self
+            .queues
+            .iter()
+            .map(|(_, notices, _)| notices.forgotten())
+            .sum();
         news.forgotten = forgotten - self.forgotten;
         self.forgotten = forgotten;
         news
@@ -82,17 +100,11 @@ mod tests {
 
     #[test]
     fn news_are_told_once_with_their_host() {
-        let mut board = NoticeQueue::new();
-        board.of(VirtualHost::Sta2).send(notice());
+        let mut board = NoticeQueue::on(VirtualHost::OF_THE_BALL);
+        board.of(VirtualHost::STA2).send(notice());
         let said = Cell::new(0);
         let say = |progress: &Progress| {
-            assert!(matches!(
-                progress,
-                Progress::Notice {
-                    host: VirtualHost::Sta2,
-                    ..
-                }
-            ));
+            assert!(matches!(progress, Progress::Notice { host, .. } if *host == VirtualHost::STA2));
             said.set(said.get() + 1);
         };
         let news = board.look(say);
@@ -106,7 +118,7 @@ mod tests {
 
     #[test]
     fn a_flood_is_counted_to_the_last_and_said_in_part() {
-        let mut board = NoticeQueue::new();
+        let mut board = NoticeQueue::on(VirtualHost::OF_THE_BALL);
         let notices = board.of(VirtualHost::H1);
         let said = Cell::new(0);
         let mut counted = 0;

@@ -7,8 +7,6 @@ use std::{
     thread,
 };
 
-use record::virtual_host::VirtualHost;
-
 use super::namespace_thread::on_host;
 use crate::experiment::ExperimentError;
 use crate::{enter::entry_name, network::Network};
@@ -29,7 +27,7 @@ impl NamespaceEntries {
     /// # Errors
     /// If a host cannot be entered or a thread not be had.
     pub fn open(network: &dyn Network) -> Result<Self, ExperimentError> {
-        let held = VirtualHost::ALL.map(|host| {
+        let held = network.topology().names().map(|host| {
             on_host(network, host, move || {
                 let (held, waits) = channel::<()>();
                 let entry = thread::Builder::new()
@@ -39,13 +37,15 @@ impl NamespaceEntries {
                         // It ends with the sender.
                         let _ = waits.recv();
                     });
-                let name = host.name();
-                entry.map_err(|source| ExperimentError::Thread { name, source })?;
+                entry.map_err(|source| ExperimentError::Thread {
+                    name: host.to_string().into(),
+                    source,
+                })?;
                 Ok(held)
             })
         });
         Ok(Self {
-            _held: held.into_iter().collect::<Result<_, _>>()?,
+            _held: held.collect::<Result<_, _>>()?,
         })
     }
 }

@@ -1,6 +1,6 @@
-//! The ROS master on `h1`, whichever program it is. The main type is [`RunningMaster`].
+//! The ROS master on a virtual host, whichever program it is. The main type is [`RunningMaster`].
 
-use std::net::TcpListener;
+use std::net::{Ipv4Addr, TcpListener};
 
 use record::{settings::RosMaster, virtual_host::VirtualHost};
 
@@ -10,10 +10,10 @@ use crate::ros::{Master, Notices, RosError, Rosmaster, rosmaster};
 /// The ROS master's usual port.
 const PORT: u16 = 11311;
 
-/// Where the master is, whichever it is.
+/// Where the master of that address is, whichever it is.
 #[must_use]
-pub fn uri() -> String {
-    format!("http://{}:{PORT}/", VirtualHost::H1.address())
+pub fn uri(address: Ipv4Addr) -> String {
+    format!("http://{address}:{PORT}/")
 }
 
 /// A master that answers, until it is dropped or stopped.
@@ -25,19 +25,19 @@ pub trait RunningMaster: Send {
     fn stop(self: Box<Self>) -> Result<(), ExperimentError>;
 }
 
-/// Starts the master that the settings name. Called from a thread inside `h1`.
+/// Starts the master that the settings name. Called from a thread inside the host, which has that address.
 ///
 /// # Errors
 /// If it is not installed, its port is taken, or it does not answer.
-pub fn start(which: RosMaster, notices: Notices) -> Result<Box<dyn RunningMaster>, ExperimentError> {
-    let address = VirtualHost::H1.address();
+pub fn start(
+    which: RosMaster,
+    (host, address): (VirtualHost, Ipv4Addr),
+    notices: Notices,
+) -> Result<Box<dyn RunningMaster>, ExperimentError> {
     Ok(match which {
         RosMaster::Embedded => {
-            let listener =
-                TcpListener::bind((address, PORT)).map_err(|source| ExperimentError::MasterPort {
-                    host: VirtualHost::H1,
-                    source,
-                })?;
+            let listener = TcpListener::bind((address, PORT))
+                .map_err(|source| ExperimentError::MasterPort { host, source })?;
             Box::new(Master::start(listener, notices)?)
         }
         RosMaster::Rosmaster => Box::new(Rosmaster::start(address, PORT, notices)?),
