@@ -118,6 +118,86 @@ impl Turn {
     }
 }
 
+/// Answers each datagram with itself, and how long those of a peer take there and back.
+const ECHO: &str = "import socket\ns = socket.socket(type=socket.SOCK_DGRAM)\ns.bind(('', 5000))\nprint('up', flush=True)\n\
+    while True: s.sendto(*s.recvfrom(100))";
+const PING: &str = "import socket, sys, time\ns = socket.socket(type=socket.SOCK_DGRAM)\ns.connect((sys.argv[1], 5000))\n\
+    with open(sys.argv[2] + '/rtt.csv', 'w') as f:\n print('rtt_ms', file=f)\n for _ in range(20):\n  \
+    t = time.monotonic(); s.send(b'x'); s.recv(100); print(1000 * (time.monotonic() - t), file=f)";
+
+#[test]
+fn nodes_on_a_tree_of_switches_meet_the_same_links_in_mininets_network_and_in_the_kernels() {
+    let turn = turn();
+    for backend in ["mininet", "kernel"] {
+        let settings = serde_json::json!({
+            "network": {
+                "backend": backend, "delay": "1ms", "jitter": "0ms", "loss": "0%",
+                "hosts": {"robot": {"switch": "s3"}, "other": {}, "base": {"delay": "5ms"}},
+                "switches": {"s1": {}, "s2": {"delay": "3ms"}, "s3": {"switch": "s2", "delay": "4ms"}},
+            },
+            "experiment": {
+                "name": "ping",
+                "nodes": [
+                    {"name": "echo", "host": "base", "run": ["python3", "-c", ECHO], "ready": {"line": "up"}, "background": true},
+                    {"name": "ping", "host": "robot", "run": ["python3", "-c", PING, "{hosts.base.address}", "{window.folder}"]},
+                ],
+                "metrics": [{"name": "rtt", "unit": "ms", "from": "rtt.csv", "column": "rtt_ms"}],
+            },
+        })
+        .to_string();
+        let data = format!("/root/tree-{backend}");
+        let work = format!("{data}-work");
+        let ran = turn.guest.run(&[
+            "/root/workload",
+            "run",
+            "--environment",
+            "tree",
+            "--settings",
+            &settings,
+            "--data",
+            &data,
+            "--work",
+            &work,
+            "--windows",
+            "1",
+        ]);
+        assert_eq!(ran.code, Some(0), "{backend}: {}{}", ran.out, ran.err);
+        assert_eq!(turn.left(), "", "{backend}: nothing is left");
+        let read = |file: &str| turn.guest.expect(&["cat", &format!("{data}/window-1/{file}")]);
+        let record: Value = serde_json::from_str(&read("window.json")).unwrap();
+        assert_eq!(record["command"]["exit_code"], 0, "{backend}: {record:#}");
+        let round_trips = read("rtt.csv");
+        let round_trips: Vec<f64> = round_trips
+            .lines()
+            .skip(1)
+            .map(|line| line.parse().unwrap())
+            .collect();
+        assert_eq!(round_trips.len(), 20);
+        let least = 2.0 * (1.0 + 4.0 + 3.0 + 5.0);
+        assert!(
+            round_trips.iter().all(|ms| *ms >= least),
+            "{backend}: {round_trips:?}"
+        );
+        let quickest = round_trips.iter().copied().fold(f64::INFINITY, f64::min);
+        assert!(quickest < 2.0 * least, "{backend}: {round_trips:?}");
+        let links = record["links"].as_array().unwrap();
+        let names: Vec<&str> = links.iter().map(|link| link["host"].as_str().unwrap()).collect();
+        assert_eq!(names, ["robot", "other", "base", "s2", "s3"]);
+        for at in [0, 3, 4] {
+            assert!(
+                links[at]["up"]["delivered"].as_u64() >= Some(20),
+                "{backend}: {:#}",
+                links[at]
+            );
+            assert!(
+                links[at]["down"]["delivered"].as_u64() >= Some(20),
+                "{backend}: {:#}",
+                links[at]
+            );
+        }
+    }
+}
+
 #[test]
 fn two_windows_on_mininets_network_and_what_it_was_is_written_down() {
     let turn = turn();

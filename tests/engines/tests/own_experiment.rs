@@ -57,6 +57,29 @@ fn a_command_in_a_container_has_no_rights_beyond_those_that_are_asked_for_and_no
 }
 
 #[test]
+fn nodes_in_a_container_have_what_an_emulated_network_leaves_them_and_no_right_to_make_another() {
+    let image = debian_image("matrix-python:debian-12", &["python3"]);
+    let workplace = workplace(&format!(
+        "matrix: {{virtualization: [docker]}}\nproviders:\n  docker: {{image: \"{image}\"}}\n"
+    ));
+    let command = "run: [sh, sim/look.sh, \"{window.folder}\"]";
+    let file = fs::read_to_string(workplace.path().join("m.yaml")).unwrap();
+    let node = format!("nodes: [{{name: look, host: sta1, {command}}}]");
+    workplace.write("m.yaml", file.replace(command, &node));
+    let ran = workplace.run(&["run", "m.yaml"]);
+    assert_eq!(ran.code, Some(0), "{ran:?}");
+    // NET_ADMIN, NET_RAW, IPC_LOCK and SYS_NICE (linux/capability.h).
+    assert_eq!(rights(&workplace), "CapEff:\t0000000000807000\ntun\n");
+    assert!(
+        workplace
+            .scenario_directory()
+            .join("window-1/sta1.pcap.zst")
+            .exists()
+    );
+    assert_eq!(on_the_engine(&workplace), Vec::<String>::new());
+}
+
+#[test]
 fn what_is_left_of_a_command_in_a_container_when_matrix_was_killed_is_found_and_removed() {
     let image = debian_image("matrix-python:debian-12", &["python3"]);
     let workplace = workplace(&format!(
@@ -141,6 +164,48 @@ fn the_same_pile_of_bodies_falls_in_the_same_way_natively_and_in_a_container() {
         .join("scenarios/x86-64-debian-12-native");
     let state = |window: u32| fs::read(scenario.join(format!("window-{window}/state.txt"))).unwrap();
     assert_ne!(state(1), state(2));
+}
+
+#[test]
+fn two_nodes_of_rospy_hold_the_ball_over_the_papers_network_natively_and_in_a_container() {
+    assert!(!debian_image("matrix-rospy:debian-12", &["python3-rospy", "python3-std-msgs"]).is_empty());
+    let workplace = example("rospy-loop");
+    let report = workplace.json(&["run", "matrix.yaml", "--profile", "quick"]);
+    for scenario in report["scenarios"].as_array().unwrap() {
+        assert_eq!(scenario["outcome"], "completed", "{scenario:#}");
+        for window in scenario["windows"].as_array().unwrap() {
+            assert_eq!(
+                (&window["counted"], &window["n"]),
+                (&Value::Bool(true), &4.into()),
+                "{scenario:#}"
+            );
+        }
+    }
+    for slug in ["x86-64-debian-12-native", "x86-64-debian-12-docker"] {
+        let folder = workplace.run_directory().join("scenarios").join(slug);
+        let text = fs::read_to_string(folder.join("window-2/periods.csv")).unwrap();
+        let rows = text.lines().skip(1).map(|row| row.split_once(',').unwrap());
+        for (error_mm, age_ms) in
+            rows.map(|(error, age)| (error.parse::<f64>().unwrap(), age.parse::<f64>().unwrap()))
+        {
+            // A ball that nobody holds is at the rim, 3.1 m from the centre; a state takes two passes of about 10 ms.
+            assert!(error_mm > 0.0 && error_mm < 1000.0, "{slug}: {text}");
+            assert!(age_ms > 18.0, "{slug}: {text}");
+        }
+        let record: Value =
+            serde_json::from_slice(&fs::read(folder.join("window-2/window.json")).unwrap()).unwrap();
+        let [plant, controller] = record["command"]["nodes"].as_array().unwrap().as_slice() else {
+            panic!("{record:#}")
+        };
+        // rospy ends in order when it is asked to.
+        assert_eq!(
+            (&plant["name"], &plant["exit_code"]),
+            (&"plant".into(), &0.into()),
+            "{record:#}"
+        );
+        assert_eq!(controller["exit_code"], 0, "{record:#}");
+    }
+    assert_eq!(on_the_engine(&workplace), Vec::<String>::new());
 }
 
 #[test]
