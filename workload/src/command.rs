@@ -7,22 +7,23 @@
 //! ```
 
 mod call;
+mod collection;
+mod continuous;
+mod cuts;
 mod emulation;
 mod nodes;
 mod output;
 mod program;
 
 use std::{
-    fs::{self, File},
-    io,
+    fs, io,
     path::{Path, PathBuf},
     sync::{Arc, atomic::AtomicBool},
     time::{Duration, Instant},
 };
 
 use record::{
-    causes::with_causes,
-    experiment::{Argument, CommandExperiment, Compare, Metric, Values, WindowValues, read_values},
+    experiment::{Argument, CommandExperiment, Values, WindowValues},
     layout,
     platform::{RealtimeGrant, RosMasterRecord},
     progress::Progress,
@@ -32,10 +33,10 @@ use record::{
     },
     window::{CaptureRecord, CommandRecord, NoticesRecord, OfExperiment, Verdict, WindowRecord},
 };
-use rustix::fs::{Mode, OFlags};
 
 use self::{
     call::{Bounds, Call, Outcome},
+    collection::{OUTPUT, collect, keep_output, write_error},
     emulation::Emulation,
     nodes::NodesCall,
     program::{Printed, Program},
@@ -153,11 +154,6 @@ impl Place {
     }
 }
 
-fn write_error(path: &Path) -> impl FnOnce(io::Error) -> ExperimentError {
-    let path = path.to_owned();
-    move |source| ExperimentError::Write { path, source }
-}
-
 /// The calls of one environment.
 struct Runs<'a> {
     request: &'a Request,
@@ -241,6 +237,7 @@ impl Runs<'_> {
     fn with_hooks(&self) -> Result<Ending, ExperimentError> {
         let window = self.request.windows.first().copied().unwrap_or(1);
         let measured = match self.hook(layout::PREPARE, &self.experiment.prepare, self.stop) {
+            Ok(false) if self.experiment.window.continuous => self.all_of_one_call(),
             Ok(false) => self.all(),
             Ok(true) => Ok(Ending::Stopped { window }),
             Err(error) => Err(error),
@@ -256,25 +253,34 @@ impl Runs<'_> {
         for (position, number) in self.request.windows.iter().copied().enumerate() {
             let folder = WindowFolder::create(&self.request.data, number)?;
             let record = self.window(number, position == 0, &folder)?;
-            let (is_complete, verdict, reason) = (record.complete, record.verdict, record.invalid_for());
-            folder.seal(record)?;
-            if !is_complete {
-                return Ok(Ending::Stopped { window: number });
-            }
-            self.reporter.say(&Progress::WindowComplete {
-                window: number,
-                verdict,
-                reason: reason.clone(),
-            });
-            if let Some(reason) = reason.filter(|_| self.experiment.fail_fast) {
-                return Err(CommandError::FailFast {
-                    window: number,
-                    reason,
-                }
-                .into());
+            if let Some(ending) = self.seal(&folder, record)? {
+                return Ok(ending);
             }
         }
         Ok(Ending::Finished)
+    }
+
+    /// Completes a window and tells of it. How the run ends with it, if so.
+    fn seal(&self, folder: &WindowFolder, record: WindowRecord) -> Result<Option<Ending>, ExperimentError> {
+        let number = record.window;
+        let (is_complete, verdict, reason) = (record.complete, record.verdict, record.invalid_for());
+        folder.seal(record)?;
+        if !is_complete {
+            return Ok(Some(Ending::Stopped { window: number }));
+        }
+        self.reporter.say(&Progress::WindowComplete {
+            window: number,
+            verdict,
+            reason: reason.clone(),
+        });
+        match reason.filter(|_| self.experiment.fail_fast) {
+            None => Ok(None),
+            Some(reason) => Err(CommandError::FailFast {
+                window: number,
+                reason,
+            }
+            .into()),
+        }
     }
 
     /// Runs a window, and keeps what it measured.
@@ -297,7 +303,7 @@ impl Runs<'_> {
         let after = Snapshot::take(network, &[]);
         let mut reasons = measured.reasons.clone();
         if measured.outcome == Outcome::Exited(0) {
-            reasons.extend(self.collect(folder)?);
+            reasons.extend(collect(self.experiment, &self.place.output, folder.path())?);
         }
         Ok(self.record(number, starts_run, (&began, &after), measured, reasons))
     }
@@ -446,72 +452,6 @@ impl Runs<'_> {
         }
         record
     }
-
-    /// Copies what the metrics are read from into the window's folder, and says what is wrong with it.
-    fn collect(&self, folder: &WindowFolder) -> Result<Vec<String>, ExperimentError> {
-        let mut wrong = Vec::new();
-        for name in self.experiment.measured_files() {
-            let to = folder.path().join(name);
-            match fetch(&self.place.output, name, &to).map_err(write_error(&to))? {
-                Some(why) => wrong.push(why),
-                None => {
-                    let of_it = self
-                        .experiment
-                        .metrics
-                        .iter()
-                        .filter(|metric| metric.from == name);
-                    for metric in of_it {
-                        wrong.extend(check(metric, &to).map_err(write_error(&to))?);
-                    }
-                }
-            }
-        }
-        Ok(wrong)
-    }
-}
-
-/// Copies a regular file of the output folder, and no link. Why it cannot be, if that is the command's doing.
-fn fetch(output: &Path, name: &str, to: &Path) -> io::Result<Option<String>> {
-    // A FIFO that nobody writes to would be waited for, and the folder itself may have become a link.
-    let flags = OFlags::RDONLY | OFlags::NOFOLLOW | OFlags::NONBLOCK | OFlags::CLOEXEC;
-    let folder = rustix::fs::open(output, flags | OFlags::DIRECTORY, Mode::empty());
-    let opened = folder.and_then(|folder| rustix::fs::openat(&folder, name, flags, Mode::empty()));
-    let file = match opened {
-        Ok(file) => File::from(file),
-        Err(rustix::io::Errno::NOENT) => return Ok(Some(format!("the command wrote no `{name}`"))),
-        Err(rustix::io::Errno::LOOP) => return Ok(Some(format!("`{name}` is a link and no file"))),
-        Err(error) => return Ok(Some(format!("`{name}` cannot be read: {error}"))),
-    };
-    let metadata = file.metadata()?;
-    if !metadata.is_file() {
-        return Ok(Some(format!("`{name}` is no regular file")));
-    }
-    if metadata.len() > CommandExperiment::LONGEST_FILE {
-        return Ok(Some(format!(
-            "`{name}` has {} bytes, more than {}",
-            metadata.len(),
-            CommandExperiment::LONGEST_FILE
-        )));
-    }
-    // It ends where it ended: whoever wrote it is gone.
-    io::copy(
-        &mut io::Read::take(file, CommandExperiment::LONGEST_FILE),
-        &mut File::create_new(to)?,
-    )?;
-    Ok(None)
-}
-
-/// What is wrong with what a metric is read from.
-fn check(metric: &Metric, path: &Path) -> io::Result<Option<String>> {
-    let file = File::open(path)?;
-    let is_empty = file.metadata()?.len() == 0;
-    Ok(match metric.compare {
-        Compare::Identical if is_empty => Some(format!("`{}` is empty", metric.from)),
-        Compare::Identical => None,
-        Compare::Ks => read_values(metric, io::BufReader::new(file))
-            .err()
-            .map(|error| with_causes(&error)),
-    })
 }
 
 /// What a window of a command or of nodes came to.
@@ -524,23 +464,7 @@ struct Measured {
     notices: NoticesRecord,
 }
 
-/// The files of what a command printed.
-const OUTPUT: [&str; 2] = [layout::STDOUT, layout::STDERR];
-
 fn said_last(printed: &Printed) -> Option<String> {
     let words = printed.last_words(LAST_WORDS);
     (!words.is_empty()).then(|| format!("it printed last: {words}"))
-}
-
-fn keep_output(
-    folder: &Path,
-    names: &[impl AsRef<Path>; 2],
-    printed: &Printed,
-) -> Result<(), ExperimentError> {
-    for (name, kept) in names.iter().zip([&printed.stdout, &printed.stderr]) {
-        let path = folder.join(name);
-        let written = File::create_new(&path).and_then(|file| kept.write(file));
-        written.map_err(write_error(&path))?;
-    }
-    Ok(())
 }

@@ -360,3 +360,108 @@ fn where_it_fails_nothing_is_measured_and_the_platform_is_named() {
     );
     assert!(!place.data().join("window-1").exists());
 }
+
+impl Place {
+    /// A shell script as a command that lasts for all windows, of 300 ms each.
+    fn continuous(script: &str, windows: Vec<u32>) -> Self {
+        let mut place = Self::new(script).with("window", json!({"continuous": true, "length": "300ms"}));
+        place.experiment["run"] = json!([
+            "/bin/sh",
+            "-c",
+            place.experiment["run"][2],
+            "sh",
+            "{window.folder}",
+            "{window.seed}"
+        ]);
+        place.windows = windows;
+        place
+    }
+
+    fn values(&self, window: u32) -> Vec<u32> {
+        let text = self.text(&format!("data/window-{window}/m.csv"));
+        text.lines().skip(1).map(|line| line.parse().unwrap()).collect()
+    }
+}
+
+#[test]
+fn a_continuous_command_is_cut_into_windows_and_asked_to_end_after_the_last() {
+    let place = Place::continuous(
+        "trap 'echo asked; exit 0' TERM; echo x >$1/m.csv; i=0; while :; do i=$((i+1)); echo $i >>$1/m.csv; sleep 0.02; done",
+        vec![2, 3, 4],
+    );
+    assert_eq!(place.run().unwrap(), Ending::Finished);
+    let all: Vec<u32> = [2, 3, 4]
+        .into_iter()
+        .flat_map(|window| place.values(window))
+        .collect();
+    // One after the other, each once: nothing is lost between two windows.
+    assert!(all.iter().copied().eq(1..=all.len() as u32), "{all:?}");
+    for window in [2, 3, 4] {
+        let record = place.record(window);
+        assert_eq!(
+            (record.verdict, record.starts_run),
+            (Verdict::Valid, window == 2),
+            "{record:?}"
+        );
+        assert!(place.values(window).len() > 3, "{:?}", place.values(window));
+        let took_ms = (record.ended_ns - record.started_ns) / 1_000_000;
+        assert!((295..600).contains(&took_ms), "{took_ms} ms");
+        assert_eq!(command(&record).exit_code, None);
+        assert!(command(&record).peak_memory_bytes > 100_000);
+    }
+    assert_eq!(place.text("data/window-4/stdout.txt"), "asked\n");
+    assert!(!place.data().join("window-2/stdout.txt").exists());
+}
+
+#[test]
+fn a_continuous_command_that_ends_spoils_its_window_and_is_started_again_for_the_next() {
+    let place = Place::continuous(
+        "printf 'x\\n1\\n' >$1/m.csv; [ -e ../twice ] || { touch ../twice; echo bye; exit 4; }; sleep 1000",
+        vec![1, 2, 3],
+    );
+    assert_eq!(place.run().unwrap(), Ending::Finished);
+    let failed = place.record(1);
+    assert_eq!(
+        failed.reasons,
+        ["the command ended with exit code 4", "it printed last: bye"]
+    );
+    assert_eq!(place.record(2).verdict, Verdict::Valid);
+    // Of a window in which nothing was added nothing can be said.
+    assert_eq!(place.record(3).reasons, ["m.csv has no value"]);
+}
+
+#[test]
+fn a_continuous_command_that_ends_well_has_ended_too_early() {
+    let place = Place::continuous("printf 'x\\n1\\n2' >$1/m.csv", vec![1]);
+    let record = place.only();
+    assert_eq!(
+        record.reasons,
+        ["the command ended with exit code 0 before its windows were over"]
+    );
+    // All of its rows are there.
+    assert_eq!(place.values(1), [1, 2]);
+}
+
+#[test]
+fn nothing_is_left_of_a_continuous_command_that_does_not_end_when_it_is_asked_to() {
+    let place = Place::continuous(
+        "echo $$ >$1/../pid; trap '' TERM; printf 'x\\n1\\n' >$1/m.csv; sleep 1000 & while :; do wait; done",
+        vec![1],
+    );
+    let record = place.only();
+    assert_eq!(record.verdict, Verdict::Valid, "{record:?}");
+    assert!(command(&record).left_behind >= 1);
+    assert!(is_gone(&place, "work/pid"));
+}
+
+#[test]
+fn a_continuous_command_that_fails_fast_is_ended_with_its_scenario() {
+    let place =
+        Place::continuous("echo $$ >$1/../pid; sleep 1000", vec![1, 2]).with("fail_fast", json!(true));
+    let error = place.run().unwrap_err();
+    assert!(
+        error.to_string().contains("`fail_fast` ends the scenario"),
+        "{error}"
+    );
+    assert!(is_gone(&place, "work/pid"));
+}

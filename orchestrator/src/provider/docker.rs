@@ -18,6 +18,7 @@ mod follow;
 mod image;
 mod known_images;
 mod labels;
+mod recipe;
 mod seccomp;
 mod settings;
 mod transport;
@@ -149,6 +150,16 @@ impl Docker {
         }
     }
 
+    /// The name of the image that the workload is to be on, made if need be; none for the workload alone.
+    async fn base(&self, engine: &Engine) -> Result<Option<String>, ProviderError> {
+        match (&self.settings.image, &self.settings.recipe) {
+            (Some(_), Some(_)) => Err(two_images()),
+            (Some(image), None) => Ok(Some(image.clone())),
+            (None, Some(recipe)) => recipe.ensure(engine).await.map(Some),
+            (None, None) => Ok(None),
+        }
+    }
+
     async fn inspect(engine: &Engine, name: &str) -> Result<Option<ContainerInspectResponse>, ProviderError> {
         if_there(
             "looking for the container",
@@ -174,7 +185,7 @@ impl Docker {
         let image = Image {
             // Not necessarily the one that is used to read it.
             workload_sha256: labels.workload(),
-            ..image::ensure(engine, self.settings.image.as_deref()).await?
+            ..image::ensure(engine, self.base(engine).await?.as_deref()).await?
         };
         let reader = format!("{name}-reader");
         if Self::inspect(engine, &reader).await?.is_none() {
@@ -206,10 +217,20 @@ impl Provider for Docker {
     async fn survey(&self) -> Availability {
         let surveyed = async {
             let engine = self.engine().await?;
-            match &self.settings.image {
-                Some(image) => drop(image::base_id(engine, image).await?),
-                None if self.settings.entrypoint.is_empty() => {}
-                None => return Err(no_entrypoint()),
+            match (&self.settings.image, &self.settings.recipe) {
+                (Some(_), Some(_)) => return Err(two_images()),
+                (Some(image), None) => drop(image::base_id(engine, image).await?),
+                (None, Some(recipe)) if !recipe.look(engine).await? => {
+                    return Ok(match engine.judge()? {
+                        Availability::Available { detail } => Availability::Available {
+                            detail: format!("{detail}; the image of providers.docker.recipe is made first"),
+                        },
+                        unavailable => unavailable,
+                    });
+                }
+                (None, Some(_)) => {}
+                (None, None) if self.settings.entrypoint.is_empty() => {}
+                (None, None) => return Err(no_entrypoint()),
             }
             engine.judge()
         };
@@ -222,7 +243,8 @@ impl Provider for Docker {
     async fn survey_need(&self, need: &Need) -> Option<Availability> {
         let programs = need.programs();
         let image = self.settings.image.as_deref();
-        if image.is_none() && !programs.is_empty() {
+        let recipe = self.settings.recipe.as_ref();
+        if image.is_none() && recipe.is_none() && !programs.is_empty() {
             return Some(Availability::Unavailable {
                 reason: format!(
                     "`{need}` needs {}, which the built-in image has not got",
@@ -239,6 +261,13 @@ impl Provider for Docker {
             if programs.is_empty() && engine.is_here && self.settings.entrypoint.is_empty() {
                 return Ok(None);
             }
+            let of_recipe = match recipe {
+                // What its packages will bring, nobody can ask yet.
+                Some(recipe) if !recipe.look(engine).await? => return Ok(None),
+                Some(recipe) => Some(recipe.image(&engine.architecture)),
+                None => None,
+            };
+            let image = image.or(of_recipe.as_deref());
             let record = check::check(engine, image, need, &self.settings).await?;
             Ok(Some(capability_probe::availability(&record)))
         };
@@ -259,7 +288,7 @@ impl Provider for Docker {
     async fn create(&self, request: &EnvironmentRequest) -> Result<Box<dyn Environment>, ProviderError> {
         let engine = self.engine().await?;
         let name = &request.environment;
-        let image = image::ensure(engine, self.settings.image.as_deref()).await?;
+        let image = image::ensure(engine, self.base(engine).await?.as_deref()).await?;
         let options = CreateContainerOptionsBuilder::default().name(name).build();
         let created = engine
             .api
@@ -337,7 +366,7 @@ impl Provider for Docker {
     }
 
     async fn shell(&self, environment: &str) -> Result<Program, ProviderError> {
-        if self.settings.image.is_none() {
+        if self.settings.image.is_none() && self.settings.recipe.is_none() {
             return Err(ProviderError::Unsupported {
                 provider: NAME.to_owned(),
                 reason: "the built-in image has the workload in it and no shell".to_owned(),
@@ -492,6 +521,15 @@ async fn check_workload(engine: &Engine, container: &str, image: &Image) -> Resu
             image.name
         )),
     })
+}
+
+/// Which of them is meant, nobody can tell.
+fn two_images() -> ProviderError {
+    ProviderError::Unsupported {
+        provider: NAME.to_owned(),
+        reason: "providers.docker has an `image` and a `recipe` to make one of".to_owned(),
+        hint: Some("take one of them out".to_owned()),
+    }
 }
 
 /// An entry point is a program of an image.

@@ -56,6 +56,55 @@ fn a_command_in_a_container_has_no_rights_beyond_those_that_are_asked_for_and_no
     }
 }
 
+/// The IDs of the images that were made of recipes.
+fn images_of_recipes() -> Vec<String> {
+    let listed = Command::new("docker")
+        .args(["images", "--quiet", "--no-trunc", "matrix-recipe"])
+        .output()
+        .unwrap();
+    let listed = String::from_utf8(listed.stdout).unwrap();
+    listed.lines().map(str::to_owned).collect()
+}
+
+#[test]
+fn an_image_of_packages_is_made_once_and_is_removed_with_all_that_runs_share() {
+    let workplace = workplace(
+        "matrix: {virtualization: [docker]}\nproviders:\n  docker: {recipe: {packages: [perl-base, hostname]}}\n",
+    );
+    workplace.write("sim/look.sh", format!("{SCRIPT}hostname >>\"$1/rights.txt\"\n"));
+    let cleaned = workplace.run(&["clean"]);
+    assert_eq!(cleaned.code, Some(0), "{cleaned:?}");
+    assert_eq!(images_of_recipes(), Vec::<String>::new());
+    let first = workplace.run(&["run", "m.yaml"]);
+    assert_eq!(first.code, Some(0), "{first:?}");
+    assert!(
+        rights(&workplace).ends_with("\nworkload\n"),
+        "{}",
+        rights(&workplace)
+    );
+    let made = images_of_recipes();
+    assert_eq!(made.len(), 1);
+    let again = workplace.run(&["run", "m.yaml"]);
+    assert_eq!(again.code, Some(0), "{again:?}");
+    assert_eq!(images_of_recipes(), made, "it was not made again");
+
+    workplace.write(
+        "m.yaml",
+        fs::read_to_string(workplace.path().join("m.yaml"))
+            .unwrap()
+            .replace("hostname]", "no-such-package]"),
+    );
+    let failed = workplace.run(&["run", "m.yaml"]);
+    assert_eq!(failed.code, Some(3), "{failed:?}");
+    assert!(
+        failed.err.contains("Unable to locate package no-such-package"),
+        "{failed:?}"
+    );
+    let cleaned = workplace.run(&["clean"]);
+    assert_eq!(cleaned.code, Some(0), "{cleaned:?}");
+    assert_eq!(images_of_recipes(), Vec::<String>::new());
+}
+
 #[test]
 fn nodes_in_a_container_have_what_an_emulated_network_leaves_them_and_no_right_to_make_another() {
     let image = debian_image("matrix-python:debian-12", &["python3"]);

@@ -64,19 +64,36 @@ pub struct CommandExperiment {
     pub metrics: Vec<Metric>,
 }
 
-/// A window of a command: one call.
+/// A window of a command: one call, or a stretch of one.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 #[serde(deny_unknown_fields, default)]
 pub struct CommandWindow {
     /// How long the command may take. One that takes longer is ended with all that it started, and its window does not count.
     pub timeout: TimeSpan,
+    /// Whether one call lasts for all windows of an environment. A window then has the rows that were added to the metrics' files in
+    /// its time, and the call is asked to end after the last.
+    #[serde(skip_serializing_if = "std::ops::Not::not")]
+    pub continuous: bool,
+    /// How long a window of a continuous command is.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub length: Option<TimeSpan>,
+}
+
+impl CommandWindow {
+    /// How long a window takes at most.
+    #[must_use]
+    pub fn longest(&self) -> TimeSpan {
+        self.length.unwrap_or(self.timeout)
+    }
 }
 
 impl Default for CommandWindow {
     fn default() -> Self {
         Self {
             timeout: TimeSpan::from_secs(600),
+            continuous: false,
+            length: None,
         }
     }
 }
@@ -91,8 +108,12 @@ impl CommandExperiment {
     const LONGEST: usize = 48 << 10;
     /// A file that a metric is read from is no longer, in bytes.
     pub const LONGEST_FILE: u64 = 1 << 30;
+    /// The first line of a continuous command's file is no longer, in bytes.
+    pub const LONGEST_HEADER: u64 = 64 << 10;
     /// More retries hide a machine that does not work.
     const MOST_RETRIES: u32 = 10;
+    /// A window is cut by a process that sleeps: some milliseconds are no window.
+    const SHORTEST: TimeSpan = TimeSpan::from_millis(100);
     /// More files, arguments, parameters or metrics no experiment has.
     pub const MOST: usize = 100;
 
@@ -102,6 +123,7 @@ impl CommandExperiment {
         let mut found = self.problems_of_size();
         found.extend(self.problems_of_commands(topology));
         found.extend(self.problems_of_nodes(topology));
+        found.extend(self.problems_of_windows());
         let problem = |path: String, (message, hint): (String, &str)| SettingsProblem {
             path: format!("{PREFIX}.{path}").into(),
             message,
@@ -140,12 +162,66 @@ impl CommandExperiment {
             let hint = "find out why environments break: `matrix status RUN` lists what broke";
             found.push(problem("retries".to_owned(), (message, hint)));
         }
-        if self.window.timeout.duration().is_zero() {
-            let message = "a command cannot end in no time".to_owned();
-            let hint = "write a longer time, such as `10min`";
-            found.push(problem("window.timeout".to_owned(), (message, hint)));
-        }
         found
+    }
+
+    /// Windows that are none.
+    fn problems_of_windows(&self) -> Vec<SettingsProblem> {
+        let mut found = Vec::new();
+        let window = &self.window;
+        if window.timeout.duration().is_zero() {
+            let hint = "write a longer time, such as `10min`";
+            found.push((
+                "window.timeout".to_owned(),
+                "a command cannot end in no time".to_owned(),
+                hint,
+            ));
+        }
+        if let Some(length) = window.length.filter(|length| *length < Self::SHORTEST) {
+            let message = format!("a window of {length} is shorter than {}", Self::SHORTEST);
+            found.push((
+                "window.length".to_owned(),
+                message,
+                "write a longer time, such as `10s`",
+            ));
+        }
+        match (window.continuous, window.length) {
+            (true, None) => {
+                let message = "the windows of a continuous command have no length".to_owned();
+                found.push((
+                    "window.continuous".to_owned(),
+                    message,
+                    "write it, such as `length: 10s`",
+                ));
+            }
+            (false, Some(_)) => {
+                let message = "a window that is a call is as long as the call".to_owned();
+                let hint =
+                    "take `length` out, or write `continuous: true` for one call that lasts for all windows";
+                found.push(("window.length".to_owned(), message, hint));
+            }
+            _ => {}
+        }
+        if window.continuous && !self.nodes.is_empty() {
+            let message = "nodes are started anew in each window".to_owned();
+            let hint = "take `continuous` out, or write the command as `run`";
+            found.push(("window.continuous".to_owned(), message, hint));
+        }
+        let metrics = self.metrics.iter().enumerate();
+        for (at, metric) in metrics.filter(|(_, it)| window.continuous && it.compare == Compare::Identical) {
+            let message = format!(
+                "`{}` compares whole files, and those of a continuous command grow",
+                metric.name
+            );
+            let hint = "write `compare: ks`, or take `continuous` out";
+            found.push((format!("metrics.{at}.compare"), message, hint));
+        }
+        let problem = |(path, message, hint): (String, String, &str)| SettingsProblem {
+            path: format!("{PREFIX}.{path}").into(),
+            message,
+            hint: hint.to_owned(),
+        };
+        found.into_iter().map(problem).collect()
     }
 
     /// More of something than any experiment has, or nothing.
@@ -202,7 +278,12 @@ impl CommandExperiment {
         let hooks = hooks
             .into_iter()
             .map(|(name, command)| (name.to_owned(), command, Runs::Once(name)));
-        let run = ("run".to_owned(), &self.run, Runs::InWindows);
+        let runs = if self.window.continuous {
+            Runs::Throughout
+        } else {
+            Runs::InWindows
+        };
+        let run = ("run".to_owned(), &self.run, runs);
         let nodes = self.nodes.iter().enumerate();
         let nodes = nodes.map(|(at, node)| (format!("nodes.{at}.run"), &node.run, Runs::OnHosts(topology)));
         for (path, command, runs) in hooks.chain([run]).chain(nodes) {
@@ -308,6 +389,10 @@ impl CommandExperiment {
                     format!("`{of_window}` has no value in `{command}`, which runs once for all windows"),
                     "write it in `run`, or leave it out".to_owned(),
                 )),
+                Runs::Throughout if *of_window == Placeholder::WindowNumber => Some((
+                    format!("`{of_window}` has no value in a command that lasts for all windows"),
+                    "leave it out: `matrix` cuts the windows".to_owned(),
+                )),
                 _ => None,
             },
         }
@@ -321,6 +406,8 @@ enum Runs<'a> {
     Once(&'static str),
     /// In each window.
     InWindows,
+    /// Once, for all windows.
+    Throughout,
     /// In each window, on hosts of that network.
     OnHosts(&'a Topology),
 }
@@ -420,6 +507,29 @@ mod tests {
     #[case::root(|it: &mut Value| it["files"] = json!(["/etc"]), "experiment.files.0", "`/etc` is not below the matrix file's folder")]
     #[case::name_of_a_parameter(
         |it: &mut Value| it["parameters"]["a b"] = json!("1"), "experiment.parameters", "`a b` cannot be a parameter's name"
+    )]
+    #[case::no_length(
+        |it: &mut Value| { it["window"] = json!({"continuous": true}); it["metrics"].as_array_mut().unwrap().pop(); },
+        "experiment.window.continuous", "the windows of a continuous command have no length"
+    )]
+    #[case::length_of_a_call(
+        |it: &mut Value| it["window"] = json!({"length": "10s"}), "experiment.window.length", "a window that is a call is as long as the call"
+    )]
+    #[case::short(
+        |it: &mut Value| { it["window"] = json!({"continuous": true, "length": "1ms"}); it["metrics"].as_array_mut().unwrap().pop(); },
+        "experiment.window.length", "a window of 1ms is shorter than 100ms"
+    )]
+    #[case::grows(
+        |it: &mut Value| it["window"] = json!({"continuous": true, "length": "10s"}), "experiment.metrics.1.compare",
+        "`final_state` compares whole files, and those of a continuous command grow"
+    )]
+    #[case::number_of_all(
+        |it: &mut Value| {
+            it["window"] = json!({"continuous": true, "length": "10s"});
+            it["metrics"].as_array_mut().unwrap().pop();
+            it["run"] = json!(["a", "{window.number}"]);
+        },
+        "experiment.run.1", "`{window.number}` has no value in a command that lasts for all windows"
     )]
     #[case::no_time(
         |it: &mut Value| it["window"] = json!({"timeout": "0s"}), "experiment.window.timeout", "a command cannot end in no time"

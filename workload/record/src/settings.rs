@@ -487,7 +487,7 @@ impl Settings {
     pub fn longest_window(&self) -> TimeSpan {
         self.experiment
             .as_ref()
-            .map_or(self.window, |experiment| experiment.window.timeout)
+            .map_or(self.window, |experiment| experiment.window.longest())
     }
 
     /// The network that the experiment emulates; none of a command that is on none.

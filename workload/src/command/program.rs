@@ -22,7 +22,7 @@ use std::{
 use nix::{
     errno::Errno,
     sys::signal::{Signal, kill, killpg},
-    unistd::Pid,
+    unistd::{Pid, SysconfVar, sysconf},
 };
 use record::layout;
 use rustix::{
@@ -172,6 +172,28 @@ impl Running {
             Some(code) => End::Exited(code),
             None => End::Signal(status.terminating_signal().unwrap_or_default()),
         }))
+    }
+
+    /// Processors' time that it has used, with those of its children that it has waited for (proc(5), `stat`); none if the system does
+    /// not say.
+    #[must_use]
+    pub fn cpu_ns(&self) -> Option<u64> {
+        let stat = std::fs::read_to_string(format!("/proc/{}/stat", self.pid)).ok()?;
+        // The name, in parentheses, may hold anything; utime is the 14th field.
+        let (_, fields) = stat.rsplit_once(')')?;
+        let ticks = fields.split_whitespace().skip(11).take(4);
+        let ticks: u64 = ticks.map(|ticks| ticks.parse::<u64>().unwrap_or(0)).sum();
+        let per_second = sysconf(SysconfVar::CLK_TCK).ok()??;
+        Some(ticks * 1_000_000_000 / u64::try_from(per_second).ok()?.max(1))
+    }
+
+    /// The most memory that it has had at once; none once it has ended.
+    #[must_use]
+    pub fn peak_memory_bytes(&self) -> Option<u64> {
+        let status = std::fs::read_to_string(format!("/proc/{}/status", self.pid)).ok()?;
+        let line = status.lines().find_map(|line| line.strip_prefix("VmHWM:"))?;
+        let kibibytes: u64 = line.split_whitespace().next()?.parse().ok()?;
+        Some(kibibytes * 1024)
     }
 
     /// Asks its process group to end.

@@ -10,6 +10,7 @@ use tokio::sync::Mutex;
 use super::{
     engine::{Engine, Workload, if_there, translate},
     labels::Labels,
+    recipe,
 };
 use crate::provider::ProviderError;
 
@@ -115,8 +116,8 @@ fn name(workload: &Workload, base_id: Option<&str>) -> String {
 /// Whether images with these names can be ours: somebody else's that were made from ours have others.
 pub fn is_our_name(names: &[String]) -> bool {
     names.iter().all(|name| {
-        name.strip_prefix(REPOSITORY)
-            .is_some_and(|tag| tag.starts_with(':'))
+        let repository = name.split(':').next().unwrap_or_default();
+        [REPOSITORY, recipe::REPOSITORY].contains(&repository)
     })
 }
 
@@ -216,6 +217,7 @@ mod tests {
     #[rstest::rstest]
     #[case(&["matrix-workload:0123"], true)]
     #[case(&[], true)]
+    #[case(&["matrix-recipe:0123-amd64"], true)]
     #[case(&["matrix-workload-2:0123"], false)]
     #[case(&["matrix-workload:0123", "mine:1"], false)]
     fn an_image_with_a_name_that_another_gave_it_is_not_ours(#[case] names: &[&str], #[case] ours: bool) {

@@ -54,6 +54,12 @@ impl Labels {
         Self::with([(WORKLOAD, workload_sha256.to_owned()), (IMAGE_OWNER, owner())])
     }
 
+    /// Of an image of packages, without a workload.
+    #[must_use]
+    pub fn of_recipe() -> Self {
+        Self::with([(IMAGE_OWNER, owner())])
+    }
+
     fn with<const N: usize>(pairs: [(&str, String); N]) -> Self {
         Self(
             pairs

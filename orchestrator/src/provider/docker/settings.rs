@@ -6,7 +6,7 @@ use record::quantity::{Bytes, TimeSpan};
 use schemars::JsonSchema;
 use serde::{Deserialize, Deserializer, Serialize, de::DeserializeOwned};
 
-use super::folders::DATA;
+use super::{folders::DATA, recipe::Recipe};
 use crate::provider::AskedRight;
 
 /// How containers are made. Without any of it, the image is the workload's own and nothing is limited.
@@ -18,6 +18,10 @@ pub struct DockerSettings {
     /// depend on what a registry answers today. Left out, an image with nothing but the workload is built.
     #[serde(skip_serializing_if = "Option::is_none", deserialize_with = "image")]
     pub image: Option<String>,
+    /// What to make an image of, in place of `image`: packages of Debian 12. It is made once, when the first container needs it, and known by
+    /// its packages. It takes root here, mmdebstrap, and an engine for this machine's architecture.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub recipe: Option<Recipe>,
     /// A program of the image with its arguments, such as `[with-openvswitch]`. The workload's own command line follows
     /// them, and the program becomes it when it has done what it is for (`exec "$@"` of a shell).
     #[serde(skip_serializing_if = "Vec::is_empty")]
@@ -278,6 +282,9 @@ mod tests {
     #[case(r#"{"image": "debian@sha256:0123"}"#, true)]
     #[case(r#"{"image": "../../containers/x/kill?"}"#, false)]
     #[case(r#"{"image": "a b"}"#, false)]
+    #[case(r#"{"recipe": {"packages": ["python3"]}}"#, true)]
+    #[case(r#"{"recipe": {"packages": ["$(reboot)"]}}"#, false)]
+    #[case(r#"{"recipe": {"package": ["python3"]}}"#, false)]
     fn what_an_engine_would_take_for_something_else_is_refused(#[case] given: &str, #[case] is_right: bool) {
         assert_eq!(serde_json::from_str::<DockerSettings>(given).is_ok(), is_right);
     }
