@@ -217,7 +217,6 @@ fn the_same_pile_of_bodies_falls_in_the_same_way_natively_and_in_a_container() {
 
 #[test]
 fn two_nodes_of_rospy_hold_the_ball_over_the_papers_network_natively_and_in_a_container() {
-    assert!(!debian_image("matrix-rospy:debian-12", &["python3-rospy", "python3-std-msgs"]).is_empty());
     let workplace = example("rospy-loop");
     let report = workplace.json(&["run", "matrix.yaml", "--profile", "quick"]);
     for scenario in report["scenarios"].as_array().unwrap() {
