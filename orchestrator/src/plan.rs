@@ -142,6 +142,7 @@ impl<'a> ExpandedMatrix<'a> {
         } = self;
         let offers = offers(file, facts);
         let mut scenarios = scenarios(file, &combinations, settings, &offers);
+        placement::share(&mut scenarios, &offers);
         report_names::check(&file.places(), &file.report, &scenarios, &mut found);
         let (left_out, mut found) = match selection.apply(&candidates(&scenarios)) {
             Ok(left_out) => found.unless_errors(left_out)?,
@@ -162,7 +163,11 @@ impl<'a> ExpandedMatrix<'a> {
         // Hosts are at work side by side: the last to be done decides.
         let mut measuring_s = BTreeMap::<_, f64>::new();
         for scenario in &running {
-            *measuring_s.entry(&scenario.host).or_default() += measuring_seconds(&scenario.settings);
+            let in_each =
+                measuring_seconds(&scenario.settings) / f64::from(scenario.settings.environments.max(1));
+            for round in scenario.rounds() {
+                *measuring_s.entry(scenario.host_in(round)).or_default() += in_each;
+            }
         }
         check_windows(file, &scenarios, &mut found);
         let used: BTreeSet<_> = running.iter().filter_map(|it| it.axis(VIRTUALIZATION)).collect();
@@ -309,6 +314,7 @@ fn scenarios(
                     .map(|(axis, text)| (axis, Value::String(text)))
                     .collect(),
                 host: placement.host,
+                pool: placement.pool,
                 feasible: reason.is_none(),
                 reason,
                 fix,

@@ -25,7 +25,7 @@ use std::{collections::BTreeSet, io, ops::RangeInclusive};
 use collection::CollectionError;
 use futures_util::future::try_join_all;
 use keep::Keep;
-use record::run_directory::{Event, PlanRecord, PlannedScenario, RunDirectory};
+use record::run_directory::{Event, PlanRecord, RunDirectory};
 use stop::Stop;
 use tokio::{
     sync::{RwLock, RwLockWriteGuard},
@@ -161,7 +161,7 @@ impl Run<'_> {
     fn units_by_host(&self, which: impl Fn(Unit<'_>) -> bool) -> Vec<(&str, Vec<Unit<'_>>)> {
         let mut hosts: Vec<(&str, Vec<Unit<'_>>)> = Vec::new();
         for unit in Unit::all(self.plan).into_iter().filter(|unit| which(*unit)) {
-            let host = unit.planned.host.as_deref().unwrap_or_default();
+            let host = unit.host();
             match hosts.iter_mut().find(|(known, _)| *known == host) {
                 Some((_, units)) => units.push(unit),
                 None => hosts.push((host, vec![unit])),
@@ -191,10 +191,10 @@ impl Run<'_> {
     /// Waits until the host is ours; whether it is, and not rather asked to stop meanwhile.
     async fn has_lease(
         &self,
-        planned: &PlannedScenario,
+        unit: Unit<'_>,
         lease: &mut Option<HostLease>,
     ) -> Result<bool, scenario::ScenarioError> {
-        let name = planned.host.as_deref().unwrap_or_default();
+        let name = unit.host();
         loop {
             let asked = match lease.as_mut() {
                 Some(asked) => asked,

@@ -2,7 +2,7 @@
 
 use std::sync::Arc;
 
-use record::{connection::Connection, run_directory::Manifest};
+use record::{connection::Connection, name::name_if_any, run_directory::Manifest};
 use schemars::JsonSchema;
 use serde::Deserialize;
 
@@ -25,6 +25,8 @@ pub struct Host {
     pub hardware: Option<String>,
     /// The operating system it offers; read from the machine when it is left out.
     pub os: Option<String>,
+    /// The hosts of one pool share the rounds of the scenarios that all of them can run.
+    pub pool: Option<String>,
     /// How it is reached.
     pub connection: Connection,
 }
@@ -38,6 +40,10 @@ pub(super) struct HostEntry {
     hardware: Option<String>,
     /// The operating system it offers, such as `ubuntu`; read from this machine when left out.
     os: Option<String>,
+    /// The name of a pool. Hosts of one pool that have the same hardware and OS share the rounds of each scenario
+    /// (`workload.environments`), side by side: round N is measured on number N of them.
+    #[serde(deserialize_with = "name_if_any")]
+    pool: Option<String>,
     /// How it is reached.
     connect: Connection,
 }
@@ -49,6 +55,7 @@ pub fn this_machine() -> Vec<Host> {
         name: Spanned::new(THIS_MACHINE.to_owned(), Span::default()),
         hardware: None,
         os: None,
+        pool: None,
         connection: Connection::Local,
     }]
 }
@@ -84,6 +91,7 @@ pub fn read(source: &Arc<Source>, node: &Node, found: &mut Diagnostics) -> Vec<H
                 name: entry.key.clone(),
                 hardware: host.hardware,
                 os: host.os,
+                pool: host.pool,
                 connection: host.connect,
             }),
             Err(wrong) => found.extend(wrong),

@@ -125,6 +125,7 @@ mod tests {
                 .into_iter()
                 .collect(),
             host: None,
+            pool: Vec::new(),
             feasible: true,
             reason: None,
             fix: None,

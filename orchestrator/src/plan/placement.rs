@@ -1,9 +1,10 @@
 //! Which host runs a scenario, and whether it can. The main function is [`place`].
 
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, btree_map::Entry};
 
 use record::{
     axis::{HARDWARE, OS},
+    run_directory::PlannedScenario,
     settings::Need,
 };
 use schemars::JsonSchema;
@@ -50,6 +51,8 @@ pub struct HostCapabilities {
     pub hardware: String,
     /// Its operating system.
     pub os: String,
+    /// The pool that it is in, if it is in one.
+    pub pool: Option<String>,
     /// What is wrong with what the file says that it is.
     pub contradiction: Option<IdentityMismatch>,
     facts: Option<HostFacts>,
@@ -67,6 +70,7 @@ impl HostCapabilities {
             host: host.name.value.clone(),
             hardware: or_found(&host.hardware, facts.map(|facts| &facts.hardware)),
             os: or_found(&host.os, facts.map(|facts| &facts.os)),
+            pool: host.pool.clone(),
             contradiction: facts.and_then(|facts| {
                 let claim = HostIdentity {
                     host: &host.name.value,
@@ -224,6 +228,8 @@ fn unavailable(availability: &Availability) -> Option<Obstacle> {
 pub struct Placement {
     /// The host that offers what it needs.
     pub host: Option<String>,
+    /// All hosts of its pool that do, in the file's order; empty if it is in none, or alone in it.
+    pub pool: Vec<String>,
     /// Why it cannot run there.
     pub obstacle: Option<Obstacle>,
 }
@@ -250,15 +256,70 @@ pub fn place(combination: &Combination, need: Option<&Need>, offers: &[HostCapab
         .collect();
     // A stable sort: among equals the file's order decides.
     fitting.sort_by_key(|(obstacle, offer)| (obstacle.is_some(), offer.silence().is_some()));
-    match fitting.into_iter().next() {
-        Some((obstacle, offer)) => Placement {
-            host: Some(offer.host.clone()),
-            obstacle,
+    match fitting.first() {
+        Some((obstacle, first)) => Placement {
+            host: Some(first.host.clone()),
+            pool: pool(&fitting),
+            obstacle: obstacle.clone(),
         },
         None => Placement {
             host: None,
+            pool: Vec::new(),
             obstacle: Some(no_host(combination, offers)),
         },
+    }
+}
+
+/// Those that share the rounds of the first.
+fn pool(fitting: &[(Option<Obstacle>, &HostCapabilities)]) -> Vec<String> {
+    let of_first = fitting.first().and_then(|(_, first)| first.pool.as_ref());
+    // Those that do not answer come last, and are waited for only if none answers.
+    let shares = |(obstacle, offer): &&(Option<Obstacle>, &HostCapabilities)| {
+        of_first.is_some()
+            && offer.pool.as_ref() == of_first
+            && obstacle.is_none()
+            && offer.silence().is_none()
+    };
+    let hosts: Vec<String> = fitting
+        .iter()
+        .filter(shares)
+        .map(|(_, offer)| offer.host.clone())
+        .collect();
+    match hosts.len() {
+        0 | 1 => Vec::new(),
+        _ => hosts,
+    }
+}
+
+/// Has all scenarios of a pool share the hosts that can run each of them: a round is then measured on one host, whichever scenario,
+/// and a difference between two scenarios of a round is none between hosts.
+pub fn share(scenarios: &mut [PlannedScenario], offers: &[HostCapabilities]) {
+    let place = |scenario: &PlannedScenario| {
+        let host = scenario.host.as_ref().filter(|_| scenario.feasible)?;
+        let offer = offers.iter().find(|offer| offer.host == *host)?;
+        Some((offer.pool.clone()?, offer.hardware.clone(), offer.os.clone()))
+    };
+    let mut shared: BTreeMap<_, Vec<String>> = BTreeMap::new();
+    for scenario in scenarios.iter() {
+        let Some(place) = place(scenario) else { continue };
+        let hosts: Vec<String> = scenario.hosts().map(str::to_owned).collect();
+        match shared.entry(place) {
+            Entry::Vacant(entry) => drop(entry.insert(hosts)),
+            Entry::Occupied(mut entry) => entry.get_mut().retain(|host| hosts.contains(host)),
+        }
+    }
+    for scenario in scenarios {
+        let Some(hosts) = place(scenario).and_then(|place| shared.get(&place)) else {
+            continue;
+        };
+        // Where no host can run them all, each runs where it can.
+        scenario.pool = match hosts.len() {
+            0 | 1 => Vec::new(),
+            _ => hosts.clone(),
+        };
+        if let Some(first) = hosts.first() {
+            scenario.host = Some(first.clone());
+        }
     }
 }
 

@@ -641,3 +641,60 @@ fn a_need_that_a_provider_cannot_meet_makes_the_scenarios_with_it_infeasible(
         [(slug.as_str(), Some("it is not there"), Some("install it"))]
     );
 }
+
+/// Two hosts of the pool `lab`, both willing, and one that is in none.
+const LAB: &str = "hosts:\n  one: {hardware: x86_64, os: debian-12, pool: lab}\n  two: {hardware: x86_64, os: debian-12, pool: lab}\n  \
+                   three: {hardware: x86_64, os: debian-12}\nmatrix: {virtualization: [native, docker]}\n\
+                   workload: {environments: 3, window: 200s}\n";
+
+fn lab(change: impl FnOnce(&mut BTreeMap<String, HostFacts>)) -> PlanRecord {
+    let file = MatrixFile::parse("matrix.yaml", LAB.as_bytes(), None).unwrap();
+    let hosts = ["one", "two", "three"].map(|name| (name.to_owned(), willing("x86_64", "debian-12")));
+    let mut facts = BTreeMap::from(hosts);
+    change(&mut facts);
+    plan(&file, &facts, &Selection::default(), Order::Randomised, 1)
+        .unwrap()
+        .record
+}
+
+fn hosts_of(record: &PlanRecord) -> Vec<Vec<&str>> {
+    let of = |scenario| {
+        (1..=3)
+            .map(|round| PlannedScenario::host_in(scenario, round))
+            .collect()
+    };
+    record.scenarios.iter().map(of).collect()
+}
+
+#[test]
+fn hosts_of_one_pool_take_turns_with_the_rounds_and_measure_side_by_side() {
+    let record = lab(|_| ());
+    assert_eq!(hosts_of(&record), [["one", "two", "one"], ["one", "two", "one"]]);
+    let in_an_environment = f64::from(record.scenarios[0].settings.windows) * 200.0;
+    assert_eq!(
+        record.measuring_s,
+        2.0 * 2.0 * in_an_environment,
+        "two rounds of two scenarios, of three"
+    );
+    let read: PlanRecord = serde_json::from_str(&serde_json::to_string(&record).unwrap()).unwrap();
+    assert_eq!(hosts_of(&read), hosts_of(&record));
+}
+
+#[test]
+fn a_host_of_a_pool_that_cannot_run_one_of_the_scenarios_has_no_round_of_the_others_either() {
+    let record = lab(|facts| {
+        let cannot = Availability::Unavailable {
+            reason: "no engine".to_owned(),
+            fix: None,
+        };
+        facts
+            .get_mut("one")
+            .unwrap()
+            .providers
+            .get_mut("docker")
+            .unwrap()
+            .availability = cannot;
+    });
+    assert_eq!(hosts_of(&record), [["two"; 3]; 2]);
+    assert!(record.scenarios.iter().all(|scenario| scenario.feasible));
+}

@@ -15,9 +15,9 @@ pub trait Fleet: Sync {
     /// When there is none.
     fn host(&self, name: &str) -> Result<Arc<dyn Host>, ProviderError>;
 
-    /// What makes a scenario's environments on its host.
+    /// What makes a scenario's environments on one of its hosts.
     ///
     /// # Errors
     /// When there is no such provider or host.
-    fn provider(&self, planned: &PlannedScenario) -> Result<Arc<dyn Provider>, ProviderError>;
+    fn provider(&self, planned: &PlannedScenario, host: &str) -> Result<Arc<dyn Provider>, ProviderError>;
 }

@@ -79,9 +79,8 @@ impl Fleet for Providers {
             })
     }
 
-    fn provider(&self, planned: &PlannedScenario) -> Result<Arc<dyn Provider>, ProviderError> {
+    fn provider(&self, planned: &PlannedScenario, host: &str) -> Result<Arc<dyn Provider>, ProviderError> {
         let virtualization = planned.axis("virtualization");
-        let host = planned.host.as_deref().unwrap_or_default();
         self.of(virtualization.as_deref().unwrap_or(NATIVE), host)
     }
 }

@@ -204,12 +204,7 @@ impl RecordedRun {
     /// The hosts that its scenarios were planned on.
     fn hosts(&self) -> Result<Vec<Arc<dyn Host>>, RecordedRunError> {
         let state = StateDirectory::of_this_user();
-        let names: BTreeSet<_> = self
-            .plan
-            .scenarios
-            .iter()
-            .filter_map(|it| it.host.as_deref())
-            .collect();
+        let names: BTreeSet<_> = self.plan.scenarios.iter().flat_map(|it| it.hosts()).collect();
         let host = |name: &str| {
             let recorded = self.manifest.hosts.iter().find(|it| it.name == name);
             let connection = match recorded {

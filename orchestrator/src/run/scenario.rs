@@ -242,7 +242,7 @@ impl Run<'_> {
         unit: Unit<'_>,
         lease: &mut Option<HostLease>,
     ) -> Result<Ending, ScenarioError> {
-        match self.has_lease(unit.planned, lease).await? {
+        match self.has_lease(unit, lease).await? {
             true => self.attempts(unit).await,
             false => Ok(Ending::of(Outcome::Interrupted, None, None)),
         }
@@ -252,10 +252,10 @@ impl Run<'_> {
     async fn attempts(&self, unit: Unit<'_>) -> Result<Ending, ScenarioError> {
         let Unit { planned, round } = unit;
         self.refuse_beside_another(unit).await?;
-        let provider = self.fleet.provider(planned)?;
+        let provider = self.fleet.provider(planned, unit.host())?;
         let mut taken_up = false;
         if let Some(open) = self.events.scenario(&planned.slug).round(round).open {
-            let request = self.request(planned, open.environment, open.windows);
+            let request = self.request(unit, open.environment, open.windows);
             if open.discarding {
                 self.remove_remains(provider.as_ref(), &request).await?;
             } else if let Some(ending) = self.take_up(provider.as_ref(), &request).await? {
@@ -277,10 +277,10 @@ impl Run<'_> {
         if self.stop.is_requested() {
             return Ok(Ending::of(Outcome::Interrupted, None, None));
         }
-        self.check_host(planned, windows.len()).await?;
+        self.check_host(unit, windows.len()).await?;
         let attempt = self.events.scenario(&planned.slug).attempts.saturating_add(1);
         let name = format!("matrix-{}-{}-{attempt}", self.name, planned.slug);
-        let request = self.request(planned, name, windows);
+        let request = self.request(unit, name, windows);
         self.events.emit(Event::EnvironmentCreating {
             scenario: planned.slug.clone(),
             environment: request.environment.clone(),
@@ -325,9 +325,10 @@ impl Run<'_> {
         // Nothing is measured in a machine that was kept.
         let kept: BTreeSet<_> = state.scenarios.values().flat_map(|it| &it.kept).collect();
         let mut asked = Vec::new();
-        let beside = |other: &&PlannedScenario| other.runs() && other.host == planned.host;
+        let host = unit.host();
+        let beside = |other: &&PlannedScenario| other.runs() && other.hosts().any(|it| it == host);
         for other in self.plan.scenarios.iter().filter(beside) {
-            let provider = self.fleet.provider(other)?;
+            let provider = self.fleet.provider(other, host)?;
             if asked.contains(&provider.name()) {
                 continue;
             }
@@ -354,9 +355,10 @@ impl Run<'_> {
 
     /// Refuses to begin on another machine than the scenario says, and what would fill a disk: that of the host, or this
     /// machine's with the run directory. Others may fill it yet.
-    async fn check_host(&self, planned: &PlannedScenario, windows: usize) -> Result<(), ScenarioError> {
+    async fn check_host(&self, unit: Unit<'_>, windows: usize) -> Result<(), ScenarioError> {
+        let planned = unit.planned;
         let wanted = disk_space::windows_take(&planned.settings, windows);
-        let host = self.fleet.host(planned.host.as_deref().unwrap_or_default())?;
+        let host = self.fleet.host(unit.host())?;
         let place = format!("host `{}`", host.name());
         let is_here = host.is_this_machine();
         let said = AgentClient::new(Arc::clone(&host)).platform().await?;
@@ -390,19 +392,14 @@ impl Run<'_> {
         Ok(())
     }
 
-    fn request(
-        &self,
-        planned: &PlannedScenario,
-        environment: String,
-        windows: Vec<u32>,
-    ) -> EnvironmentRequest {
+    fn request(&self, unit: Unit<'_>, environment: String, windows: Vec<u32>) -> EnvironmentRequest {
         EnvironmentRequest {
             environment,
             run: self.name.clone(),
             run_directory: self.directory.path().to_owned(),
-            scenario: planned.slug.clone(),
-            host: planned.host.clone().unwrap_or_default(),
-            settings: planned.settings.clone(),
+            scenario: unit.planned.slug.clone(),
+            host: unit.host().to_owned(),
+            settings: unit.planned.settings.clone(),
             windows,
             files: self.files.clone(),
         }

@@ -27,6 +27,12 @@ impl<'a> Unit<'a> {
         units.collect()
     }
 
+    /// The host that runs it.
+    #[must_use]
+    pub fn host(&self) -> &'a str {
+        self.planned.host_in(self.round)
+    }
+
     /// The numbers of its windows.
     #[must_use]
     pub const fn windows(&self) -> RangeInclusive<u32> {

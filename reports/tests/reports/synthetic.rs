@@ -226,6 +226,7 @@ fn planned(id: String, scenario: &Scenario) -> PlannedScenario {
         id,
         slug: scenario.slug.to_owned(),
         axes,
+        pool: Vec::new(),
         host: scenario.infeasible.is_none().then(|| "here".to_owned()),
         feasible: scenario.infeasible.is_none(),
         reason: scenario.infeasible.map(str::to_owned),

@@ -190,6 +190,43 @@ fn a_command_is_measured_on_a_host_over_ssh_and_nothing_is_left_there() {
 }
 
 #[test]
+fn hosts_of_a_pool_take_turns_with_the_rounds() {
+    let there = There::start();
+    let workplace = workplace(&format!(
+        "hosts:\n  here: {{hardware: pc, os: linux, pool: lab}}\n  there: {{hardware: pc, os: linux, pool: lab, connect: {}}}\n\
+         matrix:\n  virtualization: [native]\n",
+        there.connect()
+    ));
+    let file = fs::read_to_string(workplace.path().join("m.yaml")).unwrap();
+    workplace.write(
+        "m.yaml",
+        file.replace("{windows: 2}", "{windows: 1, environments: 4}"),
+    );
+    let report = workplace.json(&["run", "m.yaml"]);
+    let [scenario] = report["scenarios"].as_array().unwrap().as_slice() else {
+        panic!("{report:#}")
+    };
+    assert_eq!(scenario["outcome"], "completed", "{scenario:#}");
+    let journal = fs::read_to_string(workplace.run_directory().join("events.jsonl")).unwrap();
+    let created = journal
+        .lines()
+        .map(|line| serde_json::from_str::<Value>(line).unwrap());
+    let created = created.filter(|event| event["event"] == "environment-creating");
+    let mut hosts: Vec<(u64, String)> = created
+        .map(|event| {
+            (
+                event["round"].as_u64().unwrap(),
+                event["resources"][0]["host"].as_str().unwrap().to_owned(),
+            )
+        })
+        .collect();
+    hosts.sort();
+    let expected = [(1, "here"), (2, "there"), (3, "here"), (4, "there")];
+    assert_eq!(hosts, expected.map(|(round, host)| (round, host.to_owned())));
+    assert_eq!(there.environments(), Vec::<String>::new());
+}
+
+#[test]
 fn the_same_pile_of_bodies_falls_in_the_same_way_natively_and_in_a_container() {
     assert!(!debian_image("matrix-python:debian-12", &["python3"]).is_empty());
     let workplace = example("falling-bodies");

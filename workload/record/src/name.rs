@@ -43,6 +43,18 @@ pub fn name_if_any<'de, D: Deserializer<'de>>(from: D) -> Result<Option<String>,
     }
 }
 
+/// Reads a list of names.
+///
+/// # Errors
+/// When one of them is none.
+pub fn names<'de, D: Deserializer<'de>>(from: D) -> Result<Vec<String>, D::Error> {
+    let all = Vec::<String>::deserialize(from)?;
+    match all.iter().find(|text| !is_name(text)) {
+        Some(text) => Err(D::Error::custom(not_a_name(text))),
+        None => Ok(all),
+    }
+}
+
 /// Reads what has a name each.
 ///
 /// # Errors

@@ -394,9 +394,10 @@ pub fn lines<'a>(
             (None, Some(why)) => why.clone(),
             (None, None) => {
                 let host = scenario.host.as_deref().unwrap_or("this machine");
-                match silent.get(host) {
-                    Some(why) => format!("on {host}, once it answers: {why}"),
-                    None => format!("on {host}"),
+                match (silent.get(host), scenario.pool.as_slice()) {
+                    (Some(why), _) => format!("on {host}, once it answers: {why}"),
+                    (None, []) => format!("on {host}"),
+                    (None, pool) => format!("on {} in turn", pool.join(", ")),
                 }
             }
         };

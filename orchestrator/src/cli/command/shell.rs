@@ -51,10 +51,17 @@ pub async fn execute(arguments: &ShellArguments, catalogue: Catalogue) -> Result
         let hint = error.hint();
         CommandError::new(Exit::Infrastructure, &error, hint)
     };
-    let provider = providers.provider(&planned).map_err(infrastructure)?;
-    let leftovers = provider.leftovers().await.map_err(infrastructure)?;
-    let mut ours = leftovers.iter().filter(|it| it.resource.name == environment);
-    let Some(leftover) = ours.next() else {
+    let mut found = None;
+    for host in planned.hosts() {
+        let provider = providers.provider(&planned, host).map_err(infrastructure)?;
+        let leftovers = provider.leftovers().await.map_err(infrastructure)?;
+        let ours = leftovers.into_iter().find(|it| it.resource.name == environment);
+        found = ours.map(|leftover| (host, provider, leftover));
+        if found.is_some() {
+            break;
+        }
+    }
+    let Some((host, provider, leftover)) = found else {
         return Err(wrong(
             format!("{environment} does not exist any more"),
             "`matrix clean` or somebody else removed it",
@@ -67,9 +74,7 @@ pub async fn execute(arguments: &ShellArguments, catalogue: Catalogue) -> Result
         ));
     }
     let program = provider.shell(&environment).await.map_err(infrastructure)?;
-    let host = providers
-        .host(planned.host.as_deref().unwrap_or_default())
-        .map_err(infrastructure)?;
+    let host = providers.host(host).map_err(infrastructure)?;
     let mut command = host.terminal(&program);
     if arguments.print {
         let words = std::iter::once(command.get_program()).chain(command.get_args());

@@ -178,7 +178,7 @@ impl Fleet for Alone {
         Ok(Arc::new(Here::leased_at(name, state, self.folder.join("lease"))))
     }
 
-    fn provider(&self, _: &PlannedScenario) -> Result<Arc<dyn Provider>, ProviderError> {
+    fn provider(&self, _: &PlannedScenario, _: &str) -> Result<Arc<dyn Provider>, ProviderError> {
         Ok(Arc::clone(&self.platform))
     }
 }
@@ -198,6 +198,7 @@ fn scenario() -> PlannedScenario {
         slug: "a-scripted".into(),
         axes: Map::new(),
         host: Some("here".into()),
+        pool: Vec::new(),
         feasible: true,
         reason: None,
         fix: None,

@@ -6,7 +6,7 @@ use serde::{Deserialize, Serialize};
 
 use crate::{
     axis::axis_text,
-    name::{is_name, name, name_if_any},
+    name::{is_name, name, name_if_any, names},
     settings::{Settings, recorded},
     window::Impossible,
 };
@@ -41,6 +41,9 @@ pub struct PlannedScenario {
     /// Name of the host that runs it, when one offers what it needs.
     #[serde(default, deserialize_with = "name_if_any")]
     pub host: Option<String>,
+    /// The hosts that share its rounds, if several do: round N is the turn of number N, and after the last it is the first one's again.
+    #[serde(default, skip_serializing_if = "Vec::is_empty", deserialize_with = "names")]
+    pub pool: Vec<String>,
     /// Whether it can run.
     pub feasible: bool,
     /// Why not, when it cannot.
@@ -127,6 +130,20 @@ impl PlannedScenario {
     /// The rounds in which it has an environment, from 1.
     pub fn rounds(&self) -> impl Iterator<Item = u32> + use<> {
         1..=self.settings.environments
+    }
+
+    /// The host that runs a round; empty if none does.
+    #[must_use]
+    pub fn host_in(&self, round: u32) -> &str {
+        let turn = usize::try_from(round.saturating_sub(1)).unwrap_or(0);
+        let pooled = turn.checked_rem(self.pool.len()).and_then(|at| self.pool.get(at));
+        pooled.or(self.host.as_ref()).map_or("", String::as_str)
+    }
+
+    /// All hosts that it runs on.
+    pub fn hosts(&self) -> impl Iterator<Item = &str> {
+        let alone = self.host.iter().filter(|_| self.pool.is_empty());
+        self.pool.iter().chain(alone).map(String::as_str)
     }
 
     /// The number of a round for the journal: none where there is but one.

@@ -502,6 +502,7 @@ mod tests {
             id: slug.to_owned(),
             slug: slug.to_owned(),
             axes: serde_json::Map::new(),
+            pool: Vec::new(),
             host: None,
             feasible: slug != "infeasible",
             reason: None,
