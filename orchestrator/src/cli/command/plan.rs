@@ -173,6 +173,8 @@ struct ScenarioRecord<'a> {
     axes: &'a Map<String, Value>,
     /// Name of the host that runs it; null if no host can.
     host: Option<&'a str>,
+    /// The hosts of its pool that take turns with its rounds; empty if one host runs them all.
+    pool: &'a [String],
     /// Whether it can run.
     feasible: bool,
     /// Why it cannot run; null if it can.
@@ -194,6 +196,7 @@ pub fn document(plan: &Plan) -> PlanDocument<'_> {
         slug: &scenario.slug,
         axes: &scenario.axes,
         host: scenario.host.as_deref(),
+        pool: &scenario.pool,
         feasible: scenario.feasible,
         reason: scenario.reason.as_deref(),
         not_selected: scenario.not_selected.as_deref(),
