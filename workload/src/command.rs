@@ -50,6 +50,7 @@ use crate::{
     },
     hosts, network,
     realtime::monotonic_ns,
+    removal::remove_all,
 };
 
 /// How much of a command's last words is a reason of its window.
@@ -142,7 +143,7 @@ impl Place {
 
     /// Empties the output folder. Whatever a command made of it, and however deep, is below it.
     fn empty(&self) -> Result<(), ExperimentError> {
-        match fs::remove_dir_all(&self.output) {
+        match remove_all(&self.output) {
             Err(error) if error.kind() == io::ErrorKind::NotFound => {}
             // A command that made a file of it, or a link.
             Err(error) if error.kind() == io::ErrorKind::NotADirectory => {
@@ -375,7 +376,7 @@ impl Runs<'_> {
         emulation.begin_captures(folder)?;
         let ended = call.run(|elapsed| self.say_running(number, elapsed));
         // Also of nodes that could not be started.
-        let captured = emulation.end_captures()?;
+        let captured = emulation.end_captures(folder)?;
         let ended = ended?;
         for (node, printed) in self.experiment.nodes.iter().zip(&ended.printed) {
             keep_output(folder.path(), &layout::printed_by(&node.name), printed)?;

@@ -24,5 +24,6 @@ pub mod experiments;
 pub mod hosts;
 pub mod network;
 pub mod realtime;
+mod removal;
 pub mod ros;
 pub mod survey;

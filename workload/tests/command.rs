@@ -297,13 +297,23 @@ fn a_run_that_is_to_stop_ends_its_command_and_marks_the_window_cut() {
 }
 
 #[test]
+fn a_command_that_crashes_spoils_its_window_and_is_not_tried_until_it_does_not() {
+    let record = Place::new("ulimit -c 0; echo oops; kill -SEGV $$").only();
+    assert_eq!(record.verdict, Verdict::Invalid);
+    assert_eq!(
+        record.reasons,
+        ["the command crashed with signal 11", "it printed last: oops"]
+    );
+}
+
+#[test]
 fn a_command_that_is_killed_is_the_platforms_and_its_window_is_not_there() {
-    let place = Place::new("echo out of luck; kill -SEGV $$");
+    let place = Place::new("echo out of luck; kill -KILL $$");
     let error = place.run().unwrap_err();
     assert!(error.is_of_platform());
     assert_eq!(
         error.to_string(),
-        "the command of window 1 was killed by signal 11; it printed last: out of luck"
+        "the command of window 1 was killed by signal 9; it printed last: out of luck"
     );
     assert!(!place.data().join("window-1/window.json").exists());
     assert_eq!(place.text("data/window-1/stdout.txt"), "out of luck\n");

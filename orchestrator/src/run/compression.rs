@@ -27,7 +27,12 @@ pub fn compress_captures(folder: &Place) -> io::Result<()> {
     let mut record = read_window(folder, None).map_err(io::Error::other)?;
     let mut done = Vec::new();
     for file in &mut record.files {
-        if file.name.ends_with(".pcap") {
+        // A metric of the user's may be read from a file of any name.
+        if record
+            .captures
+            .iter()
+            .any(|it| layout::capture(&it.host) == file.name)
+        {
             let capture = folder.join(&file.name);
             *file = compress(folder, file)?;
             done.push(capture);

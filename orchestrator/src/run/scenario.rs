@@ -199,7 +199,9 @@ impl Run<'_> {
         let retries = experiment.map_or(0, |experiment| experiment.retries);
         for _ in 0..=retries {
             // What failed is a result, and is not tried until it succeeds.
-            if self.once(unit, lease).await? != Outcome::Errored || self.stop.is_requested() {
+            let outcome = self.once(unit, lease).await?;
+            // Where all windows are there, another environment would measure none: what went wrong came after them.
+            if outcome != Outcome::Errored || self.wanted(unit).is_empty() || self.stop.is_requested() {
                 break;
             }
         }
@@ -214,7 +216,11 @@ impl Run<'_> {
             windows: wanted,
             round: planned.round(round),
         })?;
-        let ending = match self.leased_attempts(unit, lease).await {
+        let attempted = match self.failed_fast(unit) {
+            Some(ending) => Ok(ending),
+            None => self.leased_attempts(unit, lease).await,
+        };
+        let ending = match attempted {
             Ok(ending) => ending,
             Err(ScenarioError::Journal(error)) => return Err(error.into()),
             Err(trouble @ ScenarioError::StandsStill { .. }) if self.stop.is_requested() => Ending {
@@ -231,6 +237,21 @@ impl Run<'_> {
             round: planned.round(round),
         })?;
         Ok(ending.outcome)
+    }
+
+    /// That the scenario has ended with an earlier environment, if its experiment wants that.
+    fn failed_fast(&self, unit: Unit<'_>) -> Option<Ending> {
+        unit.planned
+            .settings
+            .experiment
+            .as_ref()
+            .filter(|it| it.fail_fast)?;
+        let state = self.events.scenario(&unit.planned.slug);
+        let mut others = unit.planned.rounds().filter(|round| *round != unit.round);
+        let failed = others.find(|round| state.round(*round).outcome == Some(Outcome::Failed))?;
+        let reason =
+            format!("the environment of round {failed} failed, and `fail_fast` ends the scenario with it");
+        Some(Ending::of(Outcome::Failed, Some(reason), None))
     }
 
     fn wanted(&self, unit: Unit<'_>) -> Vec<u32> {
@@ -479,7 +500,10 @@ impl Run<'_> {
     /// How an environment ended whose data was collected.
     fn ending(&self, last: Option<Progress>, ended: &Ended, request: &EnvironmentRequest) -> Ending {
         let state = self.events.scenario(&request.scenario);
-        if state.wanted(windows_of(request)).is_empty() {
+        // A command that failed after the last window, `restore`, may have left the host as no later scenario expects it.
+        let went_wrong =
+            request.settings.experiment.is_some() && matches!(last, Some(Progress::Failed { .. }));
+        if state.wanted(windows_of(request)).is_empty() && !went_wrong {
             return Ending::of(Outcome::Completed, None, None);
         }
         match last {

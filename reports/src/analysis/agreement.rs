@@ -1,7 +1,7 @@
 //! Metrics that are compared byte for byte: which scenarios have the same in windows of the same number, as groups, and where the
 //! others part from them. The main type is [`Agreement`].
 
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
 
 use record::experiment::Compare;
 
@@ -18,9 +18,9 @@ use crate::{
 pub struct Agreement {
     /// Its name.
     pub metric: String,
-    /// The numbers of the windows that count in every scenario with data: those that are compared.
+    /// The numbers of the windows of the first scenario that are compared with those of others, or all of them if there are no others.
     pub windows: Vec<u32>,
-    /// Scenarios that have the same in all these windows, by letter; the first group has the first scenario.
+    /// Scenarios that have the same in every window that both have, by letter; the first group has the first scenario.
     pub groups: Vec<Group>,
     /// The scenarios without a window that counts.
     pub without_data: Vec<String>,
@@ -31,7 +31,9 @@ pub struct Agreement {
 pub struct Group {
     /// Their letters.
     pub scenarios: Vec<String>,
-    /// In how many of the windows they have the same as the first group.
+    /// How many windows the first of them and the first scenario both have.
+    pub compared: usize,
+    /// In how many of these it has the same as the first scenario.
     pub same_as_first: usize,
     /// Where they part from the first group first; none for that group itself.
     pub parts: Option<Parting>,
@@ -66,54 +68,62 @@ impl Agreement {
     }
 
     fn of(run: &Run, metric: &str) -> Self {
-        let scenarios = run
-            .scenarios
-            .iter()
-            .map(|scenario| (scenario, files(scenario, metric)));
+        let scenarios = run.scenarios.iter();
+        let scenarios = scenarios.map(|scenario| (scenario.planned.id.as_str(), files(scenario, metric)));
+        Self::among(metric, scenarios)
+    }
+
+    /// Of scenarios, by letter, with their files.
+    fn among<'a>(metric: &str, scenarios: impl Iterator<Item = (&'a str, Files<'a>)>) -> Self {
         let (with, without): (Vec<_>, Vec<_>) = scenarios.partition(|(_, files)| !files.is_empty());
         let (_, first) = with.first().cloned().unzip();
         let first: Files<'_> = first.unwrap_or_default();
-        let in_all = |window: &u32| with.iter().all(|(_, files)| files.contains_key(window));
-        let windows: Vec<u32> = first.keys().copied().filter(in_all).collect();
-        let mut groups: Vec<(Vec<&str>, Group)> = Vec::new();
-        for (scenario, files) in &with {
-            let contents: Vec<&FileContent> = windows
-                .iter()
-                .filter_map(|window| files.get(window).copied())
-                .collect();
-            let sums: Vec<&str> = contents.iter().map(|content| content.sha256.as_str()).collect();
-            let letter = scenario.planned.id.clone();
-            if let Some((_, group)) = groups.iter_mut().find(|(known, _)| *known == sums) {
+        let is_same = |a: &FileContent, b: &FileContent| a.sha256 == b.sha256;
+        let mut compared = BTreeSet::new();
+        let mut groups: Vec<(&Files<'_>, Group)> = Vec::new();
+        for (position, (letter, files)) in with.iter().enumerate() {
+            let letter = (*letter).to_owned();
+            let beside_first = common(&first, files);
+            if position > 0 {
+                compared.extend(beside_first.iter().map(|(window, ..)| *window));
+            }
+            // A scenario whose windows are none of another's is not said to agree with it.
+            let agrees = |known: &Files<'_>| {
+                let both = common(known, files);
+                !both.is_empty() && both.iter().all(|(_, a, b)| is_same(a, b))
+            };
+            if let Some((_, group)) = groups.iter_mut().find(|(known, _)| agrees(known)) {
                 group.scenarios.push(letter);
                 continue;
             }
-            let beside_first = windows
-                .iter()
-                .filter_map(|window| Some((*window, *first.get(window)?)));
-            let beside_first: Vec<_> = beside_first.zip(contents).collect();
-            let is_same = |a: &FileContent, b: &FileContent| a.sha256 == b.sha256;
-            let same_as_first = beside_first.iter().filter(|((_, a), b)| is_same(a, b)).count();
-            let parts = beside_first
-                .iter()
-                .find(|((_, a), b)| !is_same(a, b))
-                .map(|((window, a), b)| Parting::of(*window, a, b));
+            let parts = beside_first.iter().find(|(_, a, b)| !is_same(a, b));
             let group = Group {
                 scenarios: vec![letter],
-                same_as_first,
-                parts,
+                compared: beside_first.len(),
+                same_as_first: beside_first.iter().filter(|(_, a, b)| is_same(a, b)).count(),
+                parts: parts.map(|(window, a, b)| Parting::of(*window, a, b)),
             };
-            groups.push((sums, group));
+            groups.push((files, group));
         }
+        let windows: Vec<u32> = match with.len() {
+            0 | 1 => first.keys().copied().collect(),
+            _ => compared.into_iter().collect(),
+        };
         Self {
             metric: metric.to_owned(),
             windows,
             groups: groups.into_iter().map(|(_, group)| group).collect(),
-            without_data: without
-                .iter()
-                .map(|(scenario, _)| scenario.planned.id.clone())
-                .collect(),
+            without_data: without.iter().map(|(letter, _)| (*letter).to_owned()).collect(),
         }
     }
+}
+
+/// The windows that both have, with what each has in them.
+fn common<'a>(a: &Files<'a>, b: &Files<'a>) -> Vec<(u32, &'a FileContent, &'a FileContent)> {
+    let both = a
+        .iter()
+        .filter_map(|(window, of_a)| Some((*window, *of_a, *b.get(window)?)));
+    both.collect()
 }
 
 fn files<'a>(scenario: &'a ScenarioRun, metric: &str) -> Files<'a> {
@@ -197,5 +207,52 @@ mod tests {
         let mut longer = content(b"same");
         longer.bytes = 5 << 20;
         assert_eq!(Parting::of(1, &content(b"same"), &longer).byte, None);
+    }
+
+    /// A scenario, and what it has in windows of these numbers.
+    type Has<'a> = (&'a str, &'a [(u32, &'a [u8])]);
+
+    fn among(scenarios: &[Has<'_>]) -> Vec<(Vec<String>, usize, usize)> {
+        let kept: Vec<_> = scenarios
+            .iter()
+            .map(|(letter, windows)| {
+                (
+                    *letter,
+                    windows
+                        .iter()
+                        .map(|(window, bytes)| (*window, content(bytes)))
+                        .collect::<Vec<_>>(),
+                )
+            })
+            .collect();
+        let files = kept.iter().map(|(letter, windows)| {
+            let files: Files<'_> = windows
+                .iter()
+                .map(|(window, content)| (*window, content))
+                .collect();
+            (*letter, files)
+        });
+        let agreement = Agreement::among("state", files);
+        let group = |group: &Group| (group.scenarios.clone(), group.compared, group.same_as_first);
+        agreement.groups.iter().map(group).collect()
+    }
+
+    #[test]
+    fn a_window_that_one_scenario_lacks_hides_no_difference_between_two_others() {
+        let groups = among(&[
+            ("a", &[(1, b"x"), (2, b"y")]),
+            ("b", &[(1, b"x"), (2, b"z")]),
+            ("c", &[(1, b"x")]),
+        ]);
+        assert_eq!(
+            groups,
+            [(vec!["a".into(), "c".into()], 2, 2), (vec!["b".into()], 2, 1)]
+        );
+    }
+
+    #[test]
+    fn scenarios_without_a_window_in_common_are_not_said_to_agree() {
+        let groups = among(&[("a", &[(1, b"x")]), ("b", &[(2, b"x")])]);
+        assert_eq!(groups, [(vec!["a".into()], 1, 1), (vec!["b".into()], 0, 0)]);
     }
 }

@@ -107,13 +107,14 @@ impl Experiments {
 /// program. How many windows there are, how they were captured and what was asked of the operating system is not of it.
 fn task(settings: &Settings) -> Value {
     if let Some(experiment) = &settings.experiment {
-        let network = settings.network_in_use();
-        return match network {
-            None => json!({ "experiment": experiment }),
-            Some(network) => json!({ "experiment": experiment, "network": network }),
-        };
+        let mut task = json!({ MEASURES: experiment.name, "experiment": of_a_command(experiment) });
+        if let Some(network) = settings.network_in_use() {
+            task["network"] = json!(network);
+        }
+        return task;
     }
     json!({
+        MEASURES: "the ball on the plate",
         "period": settings.period,
         "rate": settings.rate,
         "reference": settings.reference,
@@ -122,6 +123,29 @@ fn task(settings: &Settings) -> Value {
         "network": settings.network,
         "ros": settings.ros,
         "loops": settings.loops,
+    })
+}
+
+/// What is measured, in a word.
+const MEASURES: &str = "measures";
+
+/// All of a command that a measurement depends on. What is empty is written so that it differs from what is not: a field that one has and
+/// the other lacks is taken for unknown.
+fn of_a_command(experiment: &CommandExperiment) -> Value {
+    let whole = |part: Value| Value::String(part.to_string());
+    let mut window = experiment.window;
+    // How long it may take and what comes of a failure change no value.
+    window.timeout = CommandExperiment::default_timeout();
+    json!({
+        "files": whole(json!(experiment.files)),
+        "prepare": whole(json!(experiment.prepare)),
+        "restore": whole(json!(experiment.restore)),
+        "run": whole(json!(experiment.run)),
+        "nodes": whole(json!(experiment.nodes)),
+        "ros_master": whole(json!(experiment.ros_master)),
+        "window": whole(json!(window)),
+        "parameters": experiment.parameters,
+        "metrics": whole(json!(experiment.metrics)),
     })
 }
 
@@ -150,6 +174,9 @@ fn setup(scenario: &ScenarioRun) -> Value {
         .as_ref()
         .and_then(|environment| environment.workload_version());
     setup["workload"] = json!({ "version": version, "sha256": program(scenario) });
+    if scenario.planned.settings.experiment.is_some() {
+        setup["experiment_sha256"] = json!(scenario.experiment_sha256);
+    }
     setup
 }
 

@@ -122,7 +122,11 @@ impl Night {
                 let levels = own.filter_map(|sample| level(&sample.values)).collect();
                 values.insert(metric.clone(), levels);
             }
-            let counts = values.values().any(|levels| !levels.is_empty());
+            // Of an experiment that is compared byte for byte alone, there is no number to miss.
+            let counts = match followed.is_empty() {
+                true => scenario.counted().next().is_some(),
+                false => values.values().any(|levels| !levels.is_empty()),
+            };
             for (_, record, data) in scenario.counted() {
                 let age = data.trace().and_then(|trace| trace.mean_state_age_s);
                 values.entry(Metric::StateAge).or_default().extend(age);
@@ -158,8 +162,7 @@ impl Night {
             is_simulated: run.scenarios.iter().any(ScenarioRun::is_simulated),
             metric: followed
                 .first()
-                .map(|(metric, ..)| metric.clone())
-                .unwrap_or_default(),
+                .map_or(Metric::Provisioning, |(metric, ..)| metric.clone()),
             equivalence_margin_m: settings.equivalence_margin.map(Length::metres),
             equivalence_margins: followed
                 .iter()

@@ -62,12 +62,23 @@ pub fn series_of(nights: &[Night]) -> Vec<Series<'_>> {
             let is_constant =
                 range.is_none_or(|(highest, lowest)| highest - lowest <= series.metric.resolution());
             let not_its = is_constant && !series.metric.is_of_experiment();
-            if !never_asked && !not_its {
+            let is_given_up = is_given_up(newest, scenario, &series.metric);
+            if !never_asked && !not_its && !is_given_up {
                 all.push(series);
             }
         }
     }
     all
+}
+
+/// Whether a metric of a user's experiment is none of it any more: it was renamed, or has another unit. Its earlier nights are no lack
+/// of the newest.
+fn is_given_up(newest: &Night, scenario: &str, metric: &Metric) -> bool {
+    let declared = newest
+        .scenarios
+        .get(scenario)
+        .is_some_and(|it| it.values.contains_key(metric));
+    metric.is_of_experiment() && *metric != newest.metric && !declared
 }
 
 /// What any night has of a scenario, in a fixed order; at least what the newest night's experiment is about.
@@ -89,7 +100,30 @@ pub(super) fn remarks(nights: &[Night]) -> Vec<String> {
             nights.len()
         )
     });
-    made_up.into_iter().collect()
+    made_up.into_iter().chain(given_up(nights)).collect()
+}
+
+/// That metrics of earlier nights are followed no longer.
+fn given_up(nights: &[Night]) -> Option<String> {
+    let (newest, earlier) = nights.split_last()?;
+    let mut names = BTreeSet::new();
+    for (scenario, measured) in earlier.iter().flat_map(|night| &night.scenarios) {
+        let given_up = measured.values.iter().filter(|(metric, levels)| {
+            !levels.is_empty()
+                && newest.scenarios.contains_key(scenario)
+                && is_given_up(newest, scenario, metric)
+        });
+        names.extend(given_up.map(|(metric, _)| match metric.unit() {
+            "" => format!("`{}`", metric.name()),
+            unit => format!("`{}` in {unit}", metric.name()),
+        }));
+    }
+    (!names.is_empty()).then(|| {
+        format!(
+            "earlier runs measured {}, which the newest run's experiment does not have: that is followed no longer",
+            names.into_iter().collect::<Vec<_>>().join(", ")
+        )
+    })
 }
 
 /// What is said of scenarios that earlier nights have measured and the newest does not know: that is no pass, until somebody says

@@ -57,6 +57,36 @@ fn nights(count: usize, seed: u64, level_m: impl Fn(usize) -> f64) -> Vec<Night>
 }
 
 #[test]
+fn a_metric_that_was_renamed_is_followed_no_longer_and_that_is_told() {
+    let of = |name: &str| Metric::OfCommand {
+        name: name.to_owned(),
+        unit: "mm".to_owned(),
+    };
+    let mut all = nights(6, 1, |_| USUAL_M);
+    for (number, night) in all.iter_mut().enumerate() {
+        let metric = of(if number < 5 { "eror" } else { "error" });
+        let measured = night.scenarios.get_mut(SCENARIO).unwrap();
+        let levels = std::mem::take(&mut measured.values).into_values().next().unwrap();
+        measured.values.insert(metric.clone(), levels);
+        night.metric = metric;
+    }
+    let metrics: Vec<Metric> = series_of(&all)
+        .iter()
+        .map(|series| series.metric.clone())
+        .collect();
+    assert_eq!(metrics, [of("error")]);
+    assert_eq!(
+        series::remarks(&all),
+        [
+            "earlier runs measured `eror` in mm, which the newest run's experiment does not have: that is followed no longer"
+        ]
+    );
+    // Until then it is.
+    assert_eq!(series_of(&all[..5]).len(), 1);
+    assert!(series::remarks(&all[..5]).is_empty());
+}
+
+#[test]
 fn provisioning_that_is_the_same_to_the_millisecond_is_no_series_of_its_own() {
     let with = |took_ms: [u32; 6]| {
         let mut all = nights(took_ms.len(), 1, |_| USUAL_M);

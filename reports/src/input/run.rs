@@ -108,6 +108,8 @@ pub struct ScenarioRun {
     /// How long each environment took beyond its windows, in seconds: being made, connected, collected and removed. Of those alone
     /// that measured to their end in one go.
     pub overheads_s: Vec<f64>,
+    /// The checksum of the files of a user's experiment, if it has some.
+    pub experiment_sha256: Option<String>,
 }
 
 /// How a scenario ended.
@@ -255,6 +257,7 @@ pub fn load_by(path: &Path, error: Option<ErrorOf>) -> Result<Run, ReadError> {
             let scenario = load_scenario(&directory, planned, state, error)?;
             Ok(ScenarioRun {
                 overheads_s,
+                experiment_sha256: manifest.experiment_sha256.clone(),
                 ..scenario
             })
         })
@@ -315,6 +318,7 @@ fn load_scenario(
     let mut providers = journaled.providers;
     providers.extend(environment.as_ref().map(|record| record.provider.clone()));
     Ok(ScenarioRun {
+        experiment_sha256: None,
         planned,
         ending,
         providers,

@@ -270,7 +270,7 @@ fn an_errored_scenario_is_tried_again_and_a_failed_one_is_not() {
     let workplace = workplace();
     let there = workplace.path().display().to_string();
     // It is killed once, and then never again.
-    let killed_once = "[ $window != 2 ] || [ -e \"$offset/once\" ] || { touch \"$offset/once\"; kill -SEGV $$; }\necho error,step";
+    let killed_once = "[ $window != 2 ] || [ -e \"$offset/once\" ] || { touch \"$offset/once\"; kill -KILL $$; }\necho error,step";
     let script = SCRIPT.replace("echo error,step", killed_once);
     workplace.write(
         "sim/reach.sh",
@@ -311,6 +311,46 @@ fn an_errored_scenario_is_tried_again_and_a_failed_one_is_not() {
             .contains("failed: window 2 does not count, and `fail_fast` ends the scenario"),
         "{ran:?}"
     );
+    assert_eq!(ran.err.matches("environment is up").count(), 1, "{ran:?}");
+}
+
+#[test]
+fn a_restore_that_fails_is_told_though_all_windows_are_there() {
+    let workplace = workplace();
+    let file = matrix_file("good", "").replace(
+        "  parameters:",
+        "  retries: 2\n  restore: [sh, -c, exit 7]\n  parameters:",
+    );
+    workplace.write("m.yaml", file);
+    let ran = workplace.run(&["run", "m.yaml"]);
+    assert_eq!(ran.code, Some(3), "{ran:?}");
+    assert!(
+        ran.err.contains("the command `restore` ended with exit code 7"),
+        "{ran:?}"
+    );
+    assert_eq!(
+        ran.err.matches("environment is up").count(),
+        1,
+        "there is no window to try again: {ran:?}"
+    );
+    let report = workplace.json(&["report", &workplace.run_directory().display().to_string()]);
+    let windows = scenario(&report, "good")["windows"].as_array().unwrap();
+    assert!(
+        windows.len() == 3 && windows.iter().all(|it| it["counted"] == true),
+        "{report:#}"
+    );
+}
+
+#[test]
+fn a_scenario_that_fails_fast_has_no_further_environments() {
+    let workplace = workplace();
+    let file = matrix_file("fails", "").replace("  parameters:", "  fail_fast: true\n  parameters:");
+    workplace.write(
+        "m.yaml",
+        file.replace("{windows: 3}", "{windows: 3, environments: 3}"),
+    );
+    let ran = workplace.run(&["run", "m.yaml"]);
+    assert_eq!(ran.code, Some(1), "{ran:?}");
     assert_eq!(ran.err.matches("environment is up").count(), 1, "{ran:?}");
 }
 

@@ -117,6 +117,12 @@ impl CommandExperiment {
     /// More files, arguments, parameters or metrics no experiment has.
     pub const MOST: usize = 100;
 
+    /// How long a command may take if nothing is said.
+    #[must_use]
+    pub fn default_timeout() -> TimeSpan {
+        CommandWindow::default().timeout
+    }
+
     /// What does not fit together, on that network.
     #[must_use]
     pub fn problems(&self, topology: &Topology) -> Vec<SettingsProblem> {

@@ -6,6 +6,7 @@ use std::{
     time::{Duration, Instant},
 };
 
+use nix::sys::signal::Signal;
 use rustix::fs::statvfs;
 
 use super::{
@@ -67,6 +68,11 @@ pub enum Outcome {
         /// Which.
         signal: i32,
     },
+    /// By a signal that it brought upon itself.
+    Crashed {
+        /// Which.
+        signal: i32,
+    },
     /// It took longer than it may.
     TimedOut,
     /// It left too little room on the disk.
@@ -93,6 +99,7 @@ impl Outcome {
         match self {
             Self::Exited(code) => format!("ended with exit code {code}"),
             Self::Killed { signal } => format!("was killed by signal {signal}"),
+            Self::Crashed { signal } => format!("crashed with signal {signal}"),
             Self::TimedOut => format!("was ended since it took longer than {} s", timeout.as_secs_f64()),
             Self::DiskFull => format!(
                 "was ended since the disk had less than {} MiB left",
@@ -108,9 +115,30 @@ impl From<End> for Outcome {
     fn from(end: End) -> Self {
         match end {
             End::Exited(code) => Self::Exited(code),
+            End::Signal(signal) if is_a_crash(signal) => Self::Crashed { signal },
             End::Signal(signal) => Self::Killed { signal },
         }
     }
+}
+
+/// Whether it is a signal that a program brings upon itself (signal(7)): a crash is a result, and the window is not measured until it
+/// succeeds. Nobody else sends these.
+#[must_use]
+pub fn is_a_crash(signal: i32) -> bool {
+    [
+        Signal::SIGSEGV,
+        Signal::SIGBUS,
+        Signal::SIGILL,
+        Signal::SIGFPE,
+        Signal::SIGABRT,
+        Signal::SIGTRAP,
+        Signal::SIGSYS,
+        Signal::SIGXFSZ,
+        Signal::SIGXCPU,
+        Signal::SIGPIPE,
+    ]
+    .iter()
+    .any(|crash| *crash as i32 == signal)
 }
 
 impl Bounds<'_> {
@@ -148,6 +176,7 @@ impl Call<'_> {
                 running.kill();
             }
         }
+        running.until_killed()?;
         let (end, usage) = running.wait()?;
         let left_behind = self.descendants.end_all()?;
         Ok(Ended {

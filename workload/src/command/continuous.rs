@@ -150,6 +150,7 @@ impl Runs<'_> {
         if !any_ends_within(&[running], GRACE)? {
             running.kill();
         }
+        running.until_killed()?;
         let (_, usage) = running.wait()?;
         command.left_behind = self.descendants.end_all()?;
         let printed = running.printed();

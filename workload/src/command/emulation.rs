@@ -8,6 +8,7 @@ use std::{
 };
 
 use record::{
+    causes::with_causes,
     progress::Progress,
     settings::{RosMaster, Settings},
     topology::{Topology, address},
@@ -18,7 +19,7 @@ use record::{
 use super::program::{Program, Running};
 use crate::{
     capabilities::drop_unneeded,
-    capture::Capture,
+    capture::{Capture, CaptureError},
     experiment::{ExperimentError, Reporter, window_folder::WindowFolder},
     hosts::{
         NamespaceEntries, NoticeQueue, RunningMaster, keep_transcript, on_host, start_captures, start_master,
@@ -168,24 +169,21 @@ impl Emulation {
     ///
     /// # Errors
     /// If a capture's thread has ended.
-    pub fn end_captures(&self) -> Result<(Vec<CaptureRecord>, Vec<String>), ExperimentError> {
+    pub fn end_captures(
+        &self,
+        folder: &WindowFolder,
+    ) -> Result<(Vec<CaptureRecord>, Vec<String>), ExperimentError> {
         let now = unix_ns();
         for (_, capture) in &self.captures {
             capture.end(now)?;
         }
+        let deadline = Instant::now() + CAPTURES;
         let (mut records, mut failures) = (Vec::new(), Vec::new());
         for (host, capture) in &self.captures {
-            match capture
-                .completed()
-                .recv_timeout(CAPTURES)
-                .map(|window| window.outcome)
-            {
-                Ok(Ok(record)) => records.push(record),
-                Ok(Err(error)) => failures.push(format!(
-                    "a capture failed: {}",
-                    record::causes::with_causes(&error)
-                )),
-                Err(_) => failures.push(format!(
+            match completed(capture, &folder.capture(*host), deadline) {
+                Some(Ok(record)) => records.push(record),
+                Some(Err(error)) => failures.push(format!("a capture failed: {}", with_causes(&error))),
+                None => failures.push(format!(
                     "the capture of {host} was not complete after {} s",
                     CAPTURES.as_secs()
                 )),
@@ -216,6 +214,21 @@ impl Emulation {
     /// If it cannot be written.
     pub fn keep_transcript(&self, data: &Path) -> Result<(), ExperimentError> {
         keep_transcript(data, self.network.as_ref())
+    }
+}
+
+/// What became of the capture in that file. One of an earlier window that was late is passed by.
+fn completed(
+    capture: &Capture,
+    file: &Path,
+    deadline: Instant,
+) -> Option<Result<CaptureRecord, CaptureError>> {
+    loop {
+        let left = deadline.saturating_duration_since(Instant::now());
+        let window = capture.completed().recv_timeout(left).ok()?;
+        if window.file == file {
+            return Some(window.outcome);
+        }
     }
 }
 

@@ -14,7 +14,7 @@ use record::{
 };
 
 use super::{
-    call::{Bounds, GRACE, Outcome},
+    call::{Bounds, GRACE, Outcome, is_a_crash},
     emulation::Emulation,
     program::{End, Printed, Program, Running, Usage, any_ends_within},
 };
@@ -94,6 +94,12 @@ impl NodesEnded {
                     return Ok(reasons);
                 };
                 let last_words = printed.last_words(most);
+                if let Some(signal) = node.signal.filter(|signal| is_a_crash(*signal)) {
+                    reasons.push(format!("node `{}` crashed with signal {signal}", node.name));
+                    reasons
+                        .extend((!last_words.is_empty()).then(|| format!("it printed last: {last_words}")));
+                    return Ok(reasons);
+                }
                 if let Some(signal) = node.signal {
                     return Err(CommandError::Killed {
                         who: format!("node `{}`", node.name),
@@ -286,6 +292,7 @@ impl NodesCall<'_> {
         let mut ended = NodesEnded::default();
         let mut ends = Vec::new();
         for it in &started {
+            it.running.until_killed()?;
             ends.push(it.running.wait()?);
         }
         ended.left_behind = descendants.end_all()?;

@@ -207,6 +207,17 @@ impl Running {
         let _ = kill(self.pid, Signal::SIGKILL);
     }
 
+    /// Waits until it has ended that was to end, in bounded time.
+    ///
+    /// # Errors
+    /// If it does not end: a program of another user's, such as `sudo`, takes no signal from this one.
+    pub fn until_killed(&self) -> Result<(), CommandError> {
+        match any_ends_within(&[self], STREAMS)? {
+            true => Ok(()),
+            false => Err(CommandError::Stubborn { count: 1 }),
+        }
+    }
+
     /// Waits for its end, and says how it came and what it used.
     ///
     /// # Errors

@@ -27,6 +27,7 @@ use rustix::fs::{Mode, OFlags};
 use serde::{Serialize, de::DeserializeOwned};
 
 use super::DetachedError;
+use crate::removal::remove_all;
 
 /// The folder. It only knows names; whether it is there is another question.
 #[derive(Debug, Clone, PartialEq, Eq)]
@@ -217,7 +218,7 @@ impl EnvironmentFolder {
     /// When it cannot be removed.
     pub fn remove(&self) -> Result<bool, DetachedError> {
         // Of a link that has its name, the link alone.
-        match fs::remove_dir_all(self.path()) {
+        match remove_all(&self.path()) {
             Ok(()) => Ok(true),
             Err(error) if error.kind() == io::ErrorKind::NotFound => Ok(false),
             Err(error) => Err(DetachedError::file("remove", &self.path())(error)),

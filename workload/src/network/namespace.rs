@@ -28,8 +28,8 @@ const CAP_SYS_ADMIN: u32 = 21;
 /// What a namespace's own thread is given to do: starting a thread, which takes no time.
 pub type Work = Box<dyn FnOnce() + Send>;
 
-/// Its own thread does nothing but wait and start others.
-const STACK_BYTES: usize = 64 * 1024;
+/// Its own thread does nothing but wait and start threads and programs.
+const STACK_BYTES: usize = 256 * 1024;
 
 /// A network namespace, with a thread that stays in it and starts those that are to be there: a thread begins where the one is
 /// that starts it. So nobody needs the right to enter it, and the experiment gives that right up. The namespace is gone with

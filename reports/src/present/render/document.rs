@@ -195,9 +195,9 @@ pub struct PeriodsEntry {
 pub struct AgreementEntry<'a> {
     /// Its name.
     pub metric: &'a str,
-    /// The windows that are compared: those that count in every scenario with data.
+    /// The windows of the first scenario that are compared with those of others.
     pub windows: &'a [u32],
-    /// The scenarios that have the same in all of them; the first group has the first scenario.
+    /// The scenarios that have the same in every window that both have; the first group has the first scenario.
     pub groups: Vec<GroupEntry<'a>>,
     /// The scenarios without a window that counts.
     pub without_data: &'a [String],
@@ -209,7 +209,9 @@ pub struct AgreementEntry<'a> {
 pub struct GroupEntry<'a> {
     /// Their letters.
     pub scenarios: &'a [String],
-    /// In how many windows they have the same as the first group.
+    /// How many windows the first of them and the first scenario both have.
+    pub compared: usize,
+    /// In how many of these it has the same as the first scenario.
     pub same_as_first: usize,
     /// The first place where they have something else; null for the first group.
     pub parts: Option<PartingEntry<'a>>,

@@ -181,6 +181,7 @@ fn agreement(agreement: &Agreement) -> AgreementEntry<'_> {
     }
     let groups = agreement.groups.iter().map(|group| GroupEntry {
         scenarios: &group.scenarios,
+        compared: group.compared,
         same_as_first: group.same_as_first,
         parts: group.parts.as_ref().map(parting),
     });

@@ -16,20 +16,20 @@ fn table((number, agreement): (usize, &Agreement)) -> Table {
     let row = |group: &Group| {
         vec![
             group.scenarios.join(", "),
-            format!("{} of {windows}", group.same_as_first),
+            format!("{} of {}", group.same_as_first, group.compared),
             group.parts.as_ref().map_or_else(|| "–".to_owned(), parts),
         ]
     };
     let metric = &agreement.metric;
     let mut notes = vec![match (agreement.groups.len(), windows) {
         (0, _) => "No window of any scenario counts.".to_owned(),
-        (_, 0) => "There is no window that counts in all of these scenarios.".to_owned(),
+        (_, 0) => "No window counts in the first of these scenarios and in another.".to_owned(),
         (1, _) => format!(
-            "All scenarios with data have the same {metric}, byte for byte, in windows of the same number."
+            "All scenarios with data have the same {metric}, byte for byte, in every window that they both have."
         ),
         (groups, _) => format!(
-            "{groups} different {metric}: the scenarios of a row have the same, byte for byte, in windows of the same number. Same: \
-             windows in which they have what the first row has. Part: where they first have something else; the first row's comes \
+            "{groups} different {metric}: the scenarios of a row have the same, byte for byte, in every window that they both have. Same: \
+             windows in which the first of them has what the first row has, of those that both have. Part: where they first have something else; the first row's comes \
              first."
         ),
     }];

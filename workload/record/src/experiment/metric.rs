@@ -82,7 +82,7 @@ impl Metric {
             let what = format!("the unit of `{name}` is no unit");
             return Some(("unit", what, "write a short one, such as `mm`"));
         }
-        if self.from == layout::WINDOW || layout::is_printed(&self.from) {
+        if self.from.starts_with(layout::WINDOW) || layout::is_printed(&self.from) {
             let what = format!("`{}` is a file that `matrix` writes", self.from);
             return Some(("from", what, "let the command write to a file of another name"));
         }

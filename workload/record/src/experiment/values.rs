@@ -40,6 +40,16 @@ pub enum ValueError {
         /// The number of the field.
         field: usize,
     },
+    /// A row has more fields than there are columns, as one with a decimal comma.
+    #[error("{file}: line {line} has more than {columns} column{}", if *columns == 1 { "" } else { "s" })]
+    Long {
+        /// The file.
+        file: String,
+        /// Where.
+        line: u64,
+        /// How many columns there are.
+        columns: usize,
+    },
     /// A value is not a number, or none that can be compared.
     #[error("{file}: line {line}, column {field}: `{found}` is not a finite number")]
     NoNumber {
@@ -134,11 +144,23 @@ pub fn read_values(metric: &Metric, from: impl Read) -> Result<Vec<f64>, ValueEr
             }
         }
     };
+    // A decimal comma makes two fields of a number, of which the first would be taken for it.
+    let columns = match &metric.column {
+        None => 1,
+        Some(_) => rows.byte_headers().map_err(unreadable)?.len(),
+    };
     let mut values = Vec::new();
     let mut row = csv::ByteRecord::new();
     while rows.read_byte_record(&mut row).map_err(unreadable)? {
         let line = row.position().map_or(0, csv::Position::line);
         let field = at + 1;
+        if row.len() > columns {
+            return Err(ValueError::Long {
+                file: file(),
+                line,
+                columns,
+            });
+        }
         let Some(written) = row.get(at) else {
             return Err(ValueError::Short {
                 file: file(),
@@ -210,6 +232,9 @@ mod tests {
     #[case(Some("a"), "a,a\n1,2\n", "errors.csv: line 1 names the column `a` twice")]
     #[case(Some("a"), "", "errors.csv: line 1 names no column `a`; it names none")]
     #[case(Some("a"), "a\n", "errors.csv has no value")]
+    #[case(None, "0,5\n1,5\n", "errors.csv: line 1 has more than 1 column")]
+    #[case(Some("a"), "a\n0\n0,5\n", "errors.csv: line 3 has more than 1 column")]
+    #[case(Some("b"), "a,b\n1,2\n3,4,5\n", "errors.csv: line 3 has more than 2 columns")]
     #[case(Some("b"), "a,b\n1,2\n3\n", "errors.csv: line 3 ends before column 2")]
     #[case(
         Some("b"),
