@@ -12,7 +12,7 @@ const SCRIPT: &str = r#"#!/bin/sh
 mode=$1 out=$2 window=$3 offset=$4
 case $mode-$window in
     fails-2) printf '\033[31mno convergence\n' >&2; exit 3 ;;
-    killed-2) kill -SEGV $$ ;;
+    killed-2) kill -KILL $$ ;;
     slow-2) sleep 60 ;;
     no-number-2) printf 'error,step\n1,2\nfast,2\n' >"$out/errors.csv"; echo s >"$out/state.txt"; exit ;;
     nothing-2) exit ;;
@@ -91,8 +91,8 @@ fn each_metric_is_compared_in_its_own_unit() {
             "metric": "final_state",
             "windows": [1, 2, 3],
             "groups": [
-                {"scenarios": ["a"], "same_as_first": 3, "parts": null},
-                {"scenarios": ["b"], "same_as_first": 2, "parts": {
+                {"scenarios": ["a"], "compared": 3, "same_as_first": 3, "parts": null},
+                {"scenarios": ["b"], "compared": 3, "same_as_first": 2, "parts": {
                     "window": 2, "byte": 4, "line": 2, "first": "", "this": "y 3"
                 }},
             ],
@@ -182,7 +182,7 @@ fn whatever_a_command_does_ends_its_own_window_and_is_told() {
     let ran = workplace.run(&["run", "m.yaml"]);
     for words in [
         "window 2 complete, invalid: the command ended with exit code 3; it printed last: \u{fffd}[31mno convergence",
-        "the command of window 2 was killed by signal 11",
+        "the command of window 2 was killed by signal 9",
         "window 2 complete, invalid: the command was ended since it took longer than 2 s",
         "window 2 complete, invalid: errors.csv: line 3, column 1: `fast` is not a finite number",
         "window 2 complete, invalid: the command wrote no `errors.csv`; the command wrote no `state.txt`",
