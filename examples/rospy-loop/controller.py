@@ -3,7 +3,8 @@
 
     controller.py PERIODS FOLDER
 
-Takes /state and publishes /command, as plant.py has them. The ball is to follow 1 m * sin(2 pi t / 2 s). Writes
+Takes /state and publishes /command, as plant.py has them. The ball is to follow 0.25 m * sin(2 pi t / 2 s),
+which takes 2.5 m/s^2 of the 3.9 m/s^2 that the tilted plate can give. Writes
 FOLDER/periods.csv: for each period of 2 s the mean distance from the path, in mm, and the mean age of the state that a step
 worked with, in ms. The first two periods, in which the ball rolls from rest onto its path, are left out.
 """
@@ -17,7 +18,7 @@ from std_msgs.msg import Float64, Float64MultiArray
 
 RATE_HZ = 50
 PERIOD_S = 2.0
-AMPLITUDE_M = 1.0
+AMPLITUDE_M = 0.25
 LEFT_OUT = 2
 # Of a double integrator with -7: critically damped at 6 rad/s.
 KP = 36 / 7
