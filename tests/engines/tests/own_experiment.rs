@@ -230,7 +230,9 @@ fn hosts_of_a_pool_take_turns_with_the_rounds() {
 fn the_same_pile_of_bodies_falls_in_the_same_way_natively_and_in_a_container() {
     assert!(!debian_image("matrix-python:debian-12", &["python3"]).is_empty());
     let workplace = example("falling-bodies");
-    let fetched = Command::new("./get-wheels")
+    // Through its shell: the file was written a moment ago, and another test may be starting a program meanwhile (ETXTBSY).
+    let fetched = Command::new("bash")
+        .arg("get-wheels")
         .current_dir(workplace.path())
         .status()
         .unwrap();
