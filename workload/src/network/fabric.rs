@@ -99,10 +99,10 @@ impl Fabric {
             if let Some(switch) = switches.get_mut(upper) {
                 switch.ports.push(up + 1);
             }
-            if let End::Switch(lower) = lower
-                && let Some(switch) = switches.get_mut(lower)
-            {
-                switch.ports.push(up);
+            if let End::Switch(lower) = lower {
+                if let Some(switch) = switches.get_mut(lower) {
+                    switch.ports.push(up);
+                }
             }
         };
         for (position, host) in topology.hosts.iter().enumerate() {

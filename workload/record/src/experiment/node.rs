@@ -85,9 +85,8 @@ pub(super) fn problems(
         let hint = format!("write one of {}, or add it to `workload.network.hosts`", hosts());
         (path, format!("the network has no host `{host}`"), hint)
     };
-    if let Some((master, host)) = master.and_then(|master| Some((master, master.host?)))
-        && master.position(topology).is_none()
-    {
+    let lost = master.and_then(|master| master.host.filter(|_| master.position(topology).is_none()));
+    if let Some(host) = lost {
         found.push(no_host("ros_master.host".to_owned(), host));
     }
     if !nodes.is_empty() && nodes.iter().all(|node| node.background) {
