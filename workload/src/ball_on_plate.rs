@@ -57,9 +57,9 @@ pub use self::{node_messages::Program, node_program::serve, rehearsal::rehearse}
 use crate::{
     capabilities::drop_unneeded,
     experiment::{Ending, Experiment, ExperimentError, PlatformWatch, Reporter, Request},
-    hosts::{NamespaceEntries, NoticeQueue, keep_transcript, start_captures, version_of_master},
     network,
-    realtime::{lock_memory, monotonic_ns},
+    realtime::{lock_memory, monotonic_ns, priority::above},
+    virtual_hosts::{NamespaceEntries, NoticeQueue, keep_transcript, start_captures, version_of_master},
 };
 
 /// How far ahead the plant's first step is chosen: room to tell the loops. The first window's files and captures have
@@ -82,7 +82,7 @@ impl Experiment for BallOnPlate {
     ) -> Result<Ending, ExperimentError> {
         let settings = &request.settings;
         let first = request.windows.first().copied().unwrap_or(1);
-        let network = network::open(&settings.network, emulator_priority(settings))?;
+        let network = network::open(&settings.network, above(settings.realtime.priority))?;
         // Before anything is read that comes over the network, and before any other program is started.
         drop_unneeded();
         let _entries = NamespaceEntries::open(network.as_ref())?;
@@ -156,14 +156,6 @@ impl Experiment for BallOnPlate {
             reporter.say(&Progress::PlatformChanged { changes });
         }
         Ok(ending)
-    }
-}
-
-/// Above the loops, unless nothing is to be urgent.
-fn emulator_priority(settings: &Settings) -> u8 {
-    match settings.realtime.priority {
-        0 => 0,
-        priority => (priority + 1).min(99),
     }
 }
 

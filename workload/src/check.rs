@@ -10,7 +10,7 @@ use record::{
     settings::Settings,
 };
 
-use crate::{capabilities, capture, hosts, network, realtime, survey::VERSION};
+use crate::{capabilities, capture, network, realtime, survey::VERSION, virtual_hosts};
 
 /// Whether the experiment can run here with these settings. What is made for the trial is gone afterwards. Call
 /// [`network::become_namespace_root`] first and hand over what it said.
@@ -41,7 +41,7 @@ pub fn check(settings: &Settings, namespace_root: Result<(), network::NetworkErr
 }
 
 fn master_check(settings: &Settings) -> Check {
-    let found = hosts::survey_master(settings.ros.master);
+    let found = virtual_hosts::survey_master(settings.ros.master);
     Check {
         name: "ros-master".into(),
         required: true,

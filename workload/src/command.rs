@@ -48,9 +48,10 @@ use crate::{
         Ending, Experiment, ExperimentError, KnownPlatform, Reporter, Request, snapshot::Snapshot,
         window_folder::WindowFolder,
     },
-    hosts, network,
+    network,
     realtime::monotonic_ns,
     removal::remove_all,
+    virtual_hosts,
 };
 
 /// How much of a command's last words is a reason of its window.
@@ -89,7 +90,7 @@ impl Experiment for Command {
         let master = move || {
             master.map(|program| RosMasterRecord {
                 program,
-                version: hosts::version_of_master(program),
+                version: virtual_hosts::version_of_master(program),
             })
         };
         let platform = KnownPlatform::look(&request.data, RealtimeGrant::default(), Arc::new(master))?;

@@ -5,7 +5,7 @@
 //! ```
 //!
 //! The parts without effects, which also run in virtual time, are the crate `simulation`'s: plant, controller, messages. Here are
-//! those with effects: [`network`], [`capture`], [`ros`], [`realtime`], [`hosts`], [`ball_on_plate`], which puts these together, and [`command`],
+//! those with effects: [`network`], [`capture`], [`ros`], [`realtime`], [`virtual_hosts`], [`ball_on_plate`], which puts these together, and [`command`],
 //! which measures a command of the user's. Settings, and what the workload leaves behind, are the crate `record`'s. [`detached`] keeps a workload on a host that its user comes and goes to.
 
 pub mod ball_on_plate;
@@ -21,9 +21,9 @@ pub mod detached;
 pub mod enter;
 pub mod experiment;
 pub mod experiments;
-pub mod hosts;
 pub mod network;
 pub mod realtime;
 mod removal;
 pub mod ros;
 pub mod survey;
+pub mod virtual_hosts;

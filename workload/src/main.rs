@@ -31,7 +31,7 @@ use workload::{
     capabilities::drop_unneeded,
     check, detached, enter,
     experiment::{Ending, ExperimentError, Reporter, Request},
-    experiments, hosts, network,
+    experiments, network, virtual_hosts,
 };
 
 /// One networked control experiment, in one environment.
@@ -293,7 +293,7 @@ fn enter(call: &Enter) -> ExitCode {
     let error = enter::exec(
         call.pid,
         call.host,
-        &hosts::uri(topology::address(0)),
+        &virtual_hosts::uri(topology::address(0)),
         &call.program,
         &call.arguments,
     );

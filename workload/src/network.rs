@@ -29,7 +29,7 @@ pub(crate) use self::namespace::errno;
 pub use self::{
     backend::Network,
     error::NetworkError,
-    namespace::{Work, become_namespace_root},
+    namespace::{Namespaces, Work, become_namespace_root},
 };
 use self::{kernel::Kernel, mininet::Mininet, userspace::Userspace};
 

@@ -29,8 +29,8 @@ use super::node_messages::{Order, Program, Report};
 use crate::experiment::ExperimentError;
 use crate::{
     child_process,
-    hosts::RunningMaster,
     ros::{Notice, Notices},
+    virtual_hosts::RunningMaster,
 };
 
 /// How often its thread looks whether the process is to stop.

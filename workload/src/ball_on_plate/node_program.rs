@@ -29,9 +29,9 @@ use super::{
 };
 use crate::experiment::ExperimentError;
 use crate::{
-    hosts,
     realtime::lock_memory,
     ros::{Notice, Notices},
+    virtual_hosts,
 };
 
 /// How often the queue of rows is emptied. It holds far more.
@@ -65,13 +65,13 @@ fn try_serve(program: Program, settings: &Settings) -> Result<(), ExperimentErro
     match program {
         Program::Master => serve_master(&told, notices),
         Program::Plant => {
-            let side = Side::open_plant(settings, &hosts::uri(MASTER.1), notices)?;
+            let side = Side::open_plant(settings, &virtual_hosts::uri(MASTER.1), notices)?;
             serve_loop(settings, &told, side, LoopThread::plant, |rows| Report::Plant {
                 rows,
             })
         }
         Program::Controller => {
-            let side = Side::open_controller(settings, &hosts::uri(MASTER.1), notices)?;
+            let side = Side::open_controller(settings, &virtual_hosts::uri(MASTER.1), notices)?;
             serve_loop(settings, &told, side, LoopThread::controller, |rows| {
                 Report::Control { rows }
             })
@@ -88,7 +88,7 @@ struct Told {
 }
 
 fn serve_master(told: &Told, notices: Notices) -> Result<(), ExperimentError> {
-    let master = hosts::start_master(RosMaster::Embedded, MASTER, notices)?;
+    let master = virtual_hosts::start_master(RosMaster::Embedded, MASTER, notices)?;
     say(&Report::Connected);
     while told.orders.wait(DRAIN_EVERY) {
         say_notices(&told.queue);

@@ -30,8 +30,8 @@ use super::{
 };
 use crate::{
     experiment::ExperimentError,
-    hosts::{self, NoticeQueue, RunningMaster, begin_on_host, on_host, outcome_of},
     network::Network,
+    virtual_hosts::{self, NoticeQueue, RunningMaster, begin_on_host, on_host, outcome_of},
 };
 
 /// Master and nodes, connected by their topics both ways.
@@ -97,9 +97,9 @@ impl Nodes {
         let [h1, sta1, sta2] = VirtualHost::OF_THE_BALL.map(|host| board.of(host));
         let program = settings.ros.master;
         let master = on_host(network, VirtualHost::H1, move || {
-            hosts::start_master(program, MASTER, h1)
+            virtual_hosts::start_master(program, MASTER, h1)
         })?;
-        let uri = hosts::uri(MASTER.1);
+        let uri = virtual_hosts::uri(MASTER.1);
         let (of_plant, uri_of_plant) = (settings.clone(), uri.clone());
         let plant = begin_on_host(network, VirtualHost::STA2, move || {
             Ok(Side::open_plant(&of_plant, &uri_of_plant, sta2)?)
@@ -205,7 +205,7 @@ fn start_master(
         RosMaster::Rosmaster => {
             let notices = setting.board.of(VirtualHost::H1);
             on_host(setting.network, VirtualHost::H1, move || {
-                hosts::start_master(RosMaster::Rosmaster, MASTER, notices)
+                virtual_hosts::start_master(RosMaster::Rosmaster, MASTER, notices)
             })
             .map(Some)
         }

@@ -16,7 +16,7 @@ use record::{
 use super::log_file::{ControlFile, PlantFile, RowCounts, Steps};
 use crate::capture::CapturedWindow;
 use crate::experiment::{ExperimentError, snapshot::Snapshot, window_folder::WindowFolder};
-use crate::hosts::News;
+use crate::virtual_hosts::News;
 
 /// What does not change from one window to the next.
 #[derive(Debug, Clone, PartialEq)]

@@ -32,9 +32,9 @@ use crate::experiment::{
 };
 use crate::{
     capture::Capture,
-    hosts::NoticeQueue,
     network::Network,
     realtime::{monotonic_ns, priority::step_back, sleep_until, unix_ns},
+    virtual_hosts::NoticeQueue,
 };
 
 const MILLISECOND_NS: i64 = 1_000_000;

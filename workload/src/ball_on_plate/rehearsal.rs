@@ -21,7 +21,6 @@ use simulation::schedule::Schedule;
 use super::{
     AHEAD_NS,
     connection::{Side, Tenancy},
-    emulator_priority,
     loop_threads::LoopThread,
     loops::Shared,
     nanoseconds,
@@ -30,10 +29,10 @@ use super::{
 use crate::experiment::{ExperimentError, Reporter};
 use crate::{
     capabilities::drop_unneeded,
-    hosts::{self, NamespaceEntries, NoticeQueue, on_host},
     network,
-    realtime::monotonic_ns,
+    realtime::{monotonic_ns, priority::above},
     ros::Notices,
+    virtual_hosts::{self, NamespaceEntries, NoticeQueue, on_host},
 };
 
 /// How often it is looked whether it is to end, and what there is to say.
@@ -49,7 +48,7 @@ pub fn rehearse(
     reporter: &Reporter,
     stop: &Arc<AtomicBool>,
 ) -> Result<(), ExperimentError> {
-    let network = network::open(&settings.network, emulator_priority(settings))?;
+    let network = network::open(&settings.network, above(settings.realtime.priority))?;
     drop_unneeded();
     let network = network.as_ref();
     // Nodes of others come at any time: there is no moment from which on all are connected.
@@ -60,9 +59,9 @@ pub fn rehearse(
     let notices = board.of(VirtualHost::H1);
     let program = settings.ros.master;
     let master = on_host(network, VirtualHost::H1, move || {
-        hosts::start_master(program, MASTER, notices)
+        virtual_hosts::start_master(program, MASTER, notices)
     })?;
-    let uri = hosts::uri(MASTER.1);
+    let uri = virtual_hosts::uri(MASTER.1);
     let mut tenancies = Vec::new();
     let mut threads = Vec::new();
     let parts: Vec<_> = Part::ALL

@@ -21,12 +21,12 @@ use crate::{
     capabilities::drop_unneeded,
     capture::{Capture, CaptureError},
     experiment::{ExperimentError, Reporter, window_folder::WindowFolder},
-    hosts::{
+    network::{self, Network},
+    realtime::{priority::above, unix_ns},
+    ros::has_publisher,
+    virtual_hosts::{
         NamespaceEntries, NoticeQueue, RunningMaster, keep_transcript, on_host, start_captures, start_master,
     },
-    network::{self, Network},
-    realtime::unix_ns,
-    ros::has_publisher,
 };
 
 /// How long a capture may take to be complete after its window.
@@ -51,11 +51,7 @@ impl Emulation {
     /// # Errors
     /// If the platform lacks something.
     pub fn open(settings: &Settings, reporter: &Reporter) -> Result<Self, ExperimentError> {
-        let priority = match settings.realtime.priority {
-            0 => 0,
-            priority => (priority + 1).min(99),
-        };
-        let network = network::open(&settings.network, priority)?;
+        let network = network::open(&settings.network, above(settings.realtime.priority))?;
         // Before any program of the user's is started.
         drop_unneeded();
         let entries = NamespaceEntries::open(network.as_ref())?;

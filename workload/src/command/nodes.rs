@@ -18,7 +18,9 @@ use super::{
     emulation::Emulation,
     program::{End, Printed, Program, Running, Usage, any_ends_within},
 };
-use crate::{command_error::CommandError, descendants::Descendants, experiment::ExperimentError, hosts};
+use crate::{
+    command_error::CommandError, descendants::Descendants, experiment::ExperimentError, virtual_hosts,
+};
 
 /// How often it is looked whether a node is ready.
 const LOOK: Duration = Duration::from_millis(50);
@@ -136,7 +138,7 @@ impl NodesCall<'_> {
     /// When one cannot be started, or something that they left behind does not end.
     pub fn run(&self, mut watch: impl FnMut(Duration)) -> Result<NodesEnded, ExperimentError> {
         let master = self.master_place();
-        let uri = master.map(|(_, position)| hosts::uri(address(position)));
+        let uri = master.map(|(_, position)| virtual_hosts::uri(address(position)));
         let program = self.experiment.ros_master.map(|master| master.program);
         let master_runs = match (program, master) {
             (Some(program), Some(place)) => Some(self.emulation.start_master(program, place)?),
@@ -155,7 +157,7 @@ impl NodesCall<'_> {
         let cut = self.until_end(uri.as_deref(), &mut started, &mut watch);
         let ended = self.end(started, &descendants);
         // Whatever became of the nodes.
-        let stopped = master_runs.map_or(Ok(()), hosts::RunningMaster::stop);
+        let stopped = master_runs.map_or(Ok(()), virtual_hosts::RunningMaster::stop);
         let (cut, mut ended) = (cut?, ended?);
         stopped?;
         ended.cut = cut;

@@ -4,12 +4,19 @@ use std::io;
 
 use record::{topology::Topology, virtual_host::VirtualHost, window::LinkRecord};
 
-use super::{error::NetworkError, namespace::Work, release_lateness::ReleaseCounts};
+use super::{
+    error::NetworkError,
+    namespace::{Namespaces, Work},
+    release_lateness::ReleaseCounts,
+};
 
 /// Hosts and the links between them, up from [`super::open`] until it is dropped.
 pub trait Network: Send + Sync {
     /// Its hosts, switches and links.
     fn topology(&self) -> &Topology;
+
+    /// The network namespaces of its hosts.
+    fn namespaces(&self) -> &Namespaces;
 
     /// Moves the calling thread into the host's network namespace: sockets it opens from now on are there, those
     /// opened before stay where they are. Threads that it starts later are there, too. The thread must have
@@ -17,13 +24,17 @@ pub trait Network: Send + Sync {
     ///
     /// # Errors
     /// If the kernel refuses, or there is no such host.
-    fn enter(&self, host: VirtualHost) -> Result<(), NetworkError>;
+    fn enter(&self, host: VirtualHost) -> Result<(), NetworkError> {
+        self.namespaces().at(host)?.enter()
+    }
 
     /// Has a thread that is in the host's namespace do something short, sometime. [`super::spawn`] is what it is for.
     ///
     /// # Errors
     /// If there is no such thread.
-    fn give(&self, host: VirtualHost, work: Work) -> io::Result<()>;
+    fn give(&self, host: VirtualHost, work: Work) -> io::Result<()> {
+        self.namespaces().at(host).map_err(io::Error::other)?.give(work)
+    }
 
     /// From now on every link delays, loses and limits as the settings say. A network that was opened carries without
     /// delay or loss until then; [`ImpairedFrom`](record::settings::ImpairedFrom) says why. Once is enough.

@@ -17,7 +17,7 @@ pub mod counts;
 pub mod tools;
 
 use std::{
-    io, iter,
+    iter,
     sync::{Mutex, PoisonError},
 };
 
@@ -36,13 +36,13 @@ use super::{
     device::{self, Interface},
     error::NetworkError,
     ipv6,
-    namespace::{Namespace, Work},
+    namespace::{Namespace, Namespaces},
 };
 
 /// A network that is up until it is dropped.
 #[derive(Debug)]
 pub struct Kernel {
-    hosts: Vec<Namespace>,
+    hosts: Namespaces,
     /// All of them are in one.
     switches: Namespace,
     topology: Topology,
@@ -74,7 +74,7 @@ impl Kernel {
         let hosts = hosts.collect::<Result<_, _>>()?;
         maker.connect_switches()?;
         Ok(Self {
-            hosts,
+            hosts: Namespaces::of(&topology, hosts),
             switches,
             topology,
             ports,
@@ -91,15 +91,6 @@ impl Kernel {
             let ends = [(namespace, lower.as_str()), (&self.switches, upper.as_str())];
             (name, link, ends)
         })
-    }
-
-    fn host(&self, host: VirtualHost) -> Result<&Namespace, NetworkError> {
-        let position = self.topology.position(host);
-        position
-            .and_then(|at| self.hosts.get(at))
-            .ok_or_else(|| NetworkError::NoHost {
-                host: host.to_string(),
-            })
     }
 }
 
@@ -143,12 +134,8 @@ impl Network for Kernel {
         &self.topology
     }
 
-    fn enter(&self, host: VirtualHost) -> Result<(), NetworkError> {
-        self.host(host)?.enter()
-    }
-
-    fn give(&self, host: VirtualHost, work: Work) -> io::Result<()> {
-        self.host(host).map_err(io::Error::other)?.give(work)
+    fn namespaces(&self) -> &Namespaces {
+        &self.hosts
     }
 
     fn impair(&self) -> Result<(), NetworkError> {

@@ -23,7 +23,6 @@ mod owner;
 mod script;
 
 use std::{
-    io,
     sync::{Mutex, MutexGuard, PoisonError},
     time::Duration,
 };
@@ -36,7 +35,7 @@ use super::{
     backend::Network,
     error::NetworkError,
     kernel::{counts, tools},
-    namespace::{Namespace, Namespaces, Work},
+    namespace::{Namespace, Namespaces},
     seed::random_seed,
 };
 
@@ -99,12 +98,8 @@ impl Network for Mininet {
         &self.topology
     }
 
-    fn enter(&self, host: VirtualHost) -> Result<(), NetworkError> {
-        self.hosts.at(host)?.enter()
-    }
-
-    fn give(&self, host: VirtualHost, work: Work) -> io::Result<()> {
-        self.hosts.at(host).map_err(io::Error::other)?.give(work)
+    fn namespaces(&self) -> &Namespaces {
+        &self.hosts
     }
 
     fn impair(&self) -> Result<(), NetworkError> {

@@ -63,6 +63,15 @@ impl Namespaces {
         Self(topology.names().zip(namespaces).collect())
     }
 
+    /// Of a network without hosts.
+    #[cfg(test)]
+    pub const NONE: Self = Self(Vec::new());
+
+    /// All of them, in the topology's order.
+    pub fn iter(&self) -> impl Iterator<Item = &Namespace> {
+        self.0.iter().map(|(_, namespace)| namespace)
+    }
+
     /// That of a host.
     ///
     /// # Errors

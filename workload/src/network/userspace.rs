@@ -1,9 +1,7 @@
 //! The `userspace` network: a namespace and a TAP device for each host, links and switch in this process. The main
 //! type is [`Userspace`].
 
-use std::io;
-
-use record::{settings::NetworkSettings, topology::Topology, virtual_host::VirtualHost, window::LinkRecord};
+use record::{settings::NetworkSettings, topology::Topology, window::LinkRecord};
 
 use super::{
     backend::Network,
@@ -11,7 +9,7 @@ use super::{
     emulator::Emulator,
     error::NetworkError,
     fabric::Fabric,
-    namespace::{Namespace, Namespaces, Work},
+    namespace::{Namespace, Namespaces},
     release_lateness::ReleaseCounts,
 };
 
@@ -49,12 +47,8 @@ impl Network for Userspace {
         &self.topology
     }
 
-    fn enter(&self, host: VirtualHost) -> Result<(), NetworkError> {
-        self.namespaces.at(host)?.enter()
-    }
-
-    fn give(&self, host: VirtualHost, work: Work) -> io::Result<()> {
-        self.namespaces.at(host).map_err(io::Error::other)?.give(work)
+    fn namespaces(&self) -> &Namespaces {
+        &self.namespaces
     }
 
     fn impair(&self) -> Result<(), NetworkError> {

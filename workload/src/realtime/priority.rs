@@ -24,6 +24,16 @@ pub fn request_fifo(priority: u8) -> Result<(), Errno> {
     Errno::result(outcome).map(drop)
 }
 
+/// The priority of what is more urgent than a thread of this one; 0, which asks for nothing, if that asks for nothing.
+#[must_use]
+pub const fn above(priority: u8) -> u8 {
+    match priority {
+        0 => 0,
+        99.. => 99,
+        priority => priority + 1,
+    }
+}
+
 /// Puts the calling thread behind all ordinary ones. Lowering oneself is always allowed, so that nothing is reported.
 pub fn step_back() {
     // SAFETY: no memory is involved; on Linux 0 names the calling thread, not its process.

@@ -17,7 +17,7 @@ use sha2::{Digest, Sha256};
 use tempfile::TempDir;
 
 use super::*;
-use crate::network::{NetworkError, Work};
+use crate::network::{Namespaces, NetworkError};
 
 const STEPS: u64 = 10;
 const STEP_NS: i64 = 20 * MILLISECOND_NS;
@@ -29,18 +29,14 @@ const NOBODY: Topology = Topology {
 
 /// No hosts and no links; it may have broken down.
 struct Unlinked {
+    namespaces: Namespaces,
     topology: Topology,
     broken: bool,
 }
 
 impl Network for Unlinked {
-    fn enter(&self, _: VirtualHost) -> Result<(), NetworkError> {
-        Ok(())
-    }
-
-    fn give(&self, _: VirtualHost, work: Work) -> std::io::Result<()> {
-        work();
-        Ok(())
+    fn namespaces(&self) -> &Namespaces {
+        &self.namespaces
     }
 
     fn topology(&self) -> &Topology {
@@ -199,6 +195,7 @@ impl Recorded {
 }
 
 const WHOLE: Unlinked = Unlinked {
+    namespaces: Namespaces::NONE,
     topology: NOBODY,
     broken: false,
 };
@@ -379,6 +376,7 @@ fn a_network_that_broke_down_ends_the_run_and_stops_the_loops() {
     let recorded = record(
         &[1],
         &Unlinked {
+            namespaces: Namespaces::NONE,
             topology: NOBODY,
             broken: true,
         },
