@@ -6,6 +6,7 @@
 //! nights -> series_of -> Series            one scenario and metric along the nights
 //! Series -> history::judge -> Judgement    each night after those before it: jumps and slopes
 //!        -> baseline::judge -> Judgement   against nights that were chosen
+//! nights -> content          -> Judgement   of a metric that is compared byte for byte, either way
 //! Drift                                    all judgements, with one verdict
 //! ```
 //!
@@ -14,6 +15,7 @@
 
 mod acknowledgement;
 pub mod baseline;
+mod content;
 pub mod contrasts;
 pub mod digest;
 pub mod history;
@@ -66,8 +68,9 @@ pub struct Judgement {
 pub enum Verdict {
     /// Nothing was found that is not acknowledged, where this would have been found.
     NoDrift {
-        /// A change that would have been found with a probability of 80 %, in the metric's unit.
-        detectable: f64,
+        /// A change that would have been found with a probability of 80 %, in the metric's unit; none of a metric that is compared byte
+        /// for byte, where any is.
+        detectable: Option<f64>,
     },
     /// Something changed.
     Drift,
@@ -124,12 +127,8 @@ pub struct Finding {
     pub before: String,
     /// The first night with it.
     pub since: String,
-    /// The level before, in the metric's unit.
-    pub level_before: f64,
-    /// The level since.
-    pub level_since: f64,
-    /// The p, for as many scenarios and metrics as were looked at.
-    pub p: f64,
+    /// What it was.
+    pub change: Change,
     /// What else changed.
     pub cause: Cause,
     /// Who knows of it.
@@ -146,6 +145,37 @@ impl Finding {
     pub const fn is_news(&self) -> bool {
         self.acknowledged.is_none() && !self.immaterial && self.withdrawn.is_none()
     }
+}
+
+/// What changed.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub enum Change {
+    /// The level of numbers.
+    Level(LevelChange),
+    /// Bytes.
+    Content(ContentChange),
+}
+
+/// A change of a level.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct LevelChange {
+    /// The level before, in the metric's unit.
+    pub before: f64,
+    /// The level since.
+    pub since: f64,
+    /// The p, for as many scenarios and metrics as were looked at.
+    pub p: f64,
+}
+
+/// A change of what is compared byte for byte.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct ContentChange {
+    /// The first window that has other bytes than before.
+    pub first_window: u32,
+    /// How many windows have.
+    pub changed: usize,
+    /// How many were there before, too.
+    pub compared: usize,
 }
 
 /// How a change showed.

@@ -54,9 +54,6 @@ use crate::{
     virtual_hosts,
 };
 
-/// How much of a command's last words is a reason of its window.
-const LAST_WORDS: usize = 300;
-
 /// A command that is run for each window.
 pub struct Command;
 
@@ -229,7 +226,7 @@ impl Runs<'_> {
             outcome => Err(CommandError::Hook {
                 hook,
                 how: outcome.in_words(call.bounds.timeout),
-                last_words: ended.printed.last_words(LAST_WORDS),
+                last_words: ended.printed.last_words(),
             }
             .into()),
         }
@@ -322,15 +319,7 @@ impl Runs<'_> {
         let ended = call.run(|elapsed| self.say_running(number, elapsed));
         let ended = ended.inspect_err(|_| folder.clone().withdraw())?;
         keep_output(folder.path(), &OUTPUT, &ended.printed)?;
-        if let Outcome::Killed { signal } = ended.outcome {
-            return Err(CommandError::Killed {
-                who: "the command".to_owned(),
-                window: number,
-                signal,
-                last_words: ended.printed.last_words(LAST_WORDS),
-            }
-            .into());
-        }
+        ended.check_not_killed(number)?;
         let mut reasons = Vec::new();
         // Of an exit code the verdict says so.
         if ended.outcome.exit_code().is_none() {
@@ -340,20 +329,12 @@ impl Runs<'_> {
             ));
         }
         if ended.outcome != Outcome::Exited(0) {
-            reasons.extend(said_last(&ended.printed));
+            reasons.extend(ended.printed.said_last());
         }
         Ok(Measured {
             outcome: ended.outcome,
             reasons,
-            command: CommandRecord {
-                exit_code: ended.outcome.exit_code(),
-                cpu_ns: ended.usage.cpu_ns,
-                peak_memory_bytes: ended.usage.peak_memory_bytes,
-                stdout_bytes: ended.printed.stdout.bytes,
-                stderr_bytes: ended.printed.stderr.bytes,
-                left_behind: ended.left_behind,
-                nodes: Vec::new(),
-            },
+            command: ended.record(),
             captures: Vec::new(),
             notices: NoticesRecord::default(),
         })
@@ -385,7 +366,7 @@ impl Runs<'_> {
         let (captures, failures) = captured;
         let mut notices = NoticesRecord::default();
         emulation.take_notices(self.reporter, &mut notices);
-        let mut reasons = ended.reasons(number, bounds.timeout, LAST_WORDS)?;
+        let mut reasons = ended.reasons(number, bounds.timeout)?;
         reasons.extend(failures);
         let sum = |of: fn(&Printed) -> u64| ended.printed.iter().map(of).sum();
         let outcome = ended.outcome();
@@ -464,9 +445,4 @@ struct Measured {
     command: CommandRecord,
     captures: Vec<CaptureRecord>,
     notices: NoticesRecord,
-}
-
-fn said_last(printed: &Printed) -> Option<String> {
-    let words = printed.last_words(LAST_WORDS);
-    (!words.is_empty()).then(|| format!("it printed last: {words}"))
 }

@@ -2,7 +2,10 @@
 //!
 //! The sections' own types give their own parts; what is free in a matrix file, the axes, is written here.
 
-use record::{experiment::CommandExperiment, report_settings::ReportSettings, settings::Settings};
+use record::{
+    experiment::CommandExperiment, report_settings::ReportSettings, settings::Settings,
+    topology::LinkSettings,
+};
 use schemars::{generate::SchemaSettings, json_schema};
 use serde_json::{Value, json};
 
@@ -124,14 +127,16 @@ fn matrix(catalogue: Catalogue) -> Value {
         "description": "Axes are lists of values; every combination is a scenario.",
         "type": ["object", "null"],
         "properties": properties,
-        "patternProperties": { "^parameters\\.": parameter, LINK_PATTERN: link },
+        "patternProperties": { "^parameters\\.": parameter, (link_pattern()): link },
         "additionalProperties": false,
     })
 }
 
 /// What a setting of one link looks like, as [`LinkSettings::is_path`] has it.
-const LINK_PATTERN: &str =
-    "^network\\.(hosts|switches)\\.[a-z][a-z0-9-]*\\.(switch|delay|jitter|loss|bandwidth|limit_packets)$";
+fn link_pattern() -> String {
+    let fields = LinkSettings::FIELDS.join("|");
+    format!(r"^network\.(hosts|switches)\.[a-z][a-z0-9-]*\.({fields})$")
+}
 
 fn with_description(schema: &Value, description: &str) -> Value {
     let mut described = json!({ "description": description });

@@ -49,6 +49,7 @@ use self::{
     image::Image,
     known_images::KnownImages,
     labels::Labels,
+    settings::Base,
 };
 use super::{
     Availability, Environment, EnvironmentRequest, Leftover, Provider, ProviderError, capability_probe,
@@ -58,10 +59,8 @@ use crate::{
     state_directory::StateDirectory,
 };
 
-pub use settings::DockerSettings;
+pub use settings::{DockerSettings, NAME};
 
-/// What `virtualization` calls it.
-pub const NAME: &str = "docker";
 const CONTAINER: &str = "container";
 const VOLUME: &str = "volume";
 const IMAGE: &str = "image";
@@ -152,11 +151,10 @@ impl Docker {
 
     /// The name of the image that the workload is to be on, made if need be; none for the workload alone.
     async fn base(&self, engine: &Engine) -> Result<Option<String>, ProviderError> {
-        match (&self.settings.image, &self.settings.recipe) {
-            (Some(_), Some(_)) => Err(two_images()),
-            (Some(image), None) => Ok(Some(image.clone())),
-            (None, Some(recipe)) => recipe.ensure(engine).await.map(Some),
-            (None, None) => Ok(None),
+        match self.settings.base()? {
+            Base::Nothing => Ok(None),
+            Base::Image(image) => Ok(Some(image.to_owned())),
+            Base::Recipe(recipe) => recipe.ensure(engine).await.map(Some),
         }
     }
 
@@ -217,10 +215,9 @@ impl Provider for Docker {
     async fn survey(&self) -> Availability {
         let surveyed = async {
             let engine = self.engine().await?;
-            match (&self.settings.image, &self.settings.recipe) {
-                (Some(_), Some(_)) => return Err(two_images()),
-                (Some(image), None) => drop(image::base_id(engine, image).await?),
-                (None, Some(recipe)) if !recipe.look(engine).await? => {
+            match self.settings.base()? {
+                Base::Image(image) => drop(image::base_id(engine, image).await?),
+                Base::Recipe(recipe) if !recipe.look(engine).await? => {
                     return Ok(match engine.judge()? {
                         Availability::Available { detail } => Availability::Available {
                             detail: format!("{detail}; the image of providers.docker.recipe is made first"),
@@ -228,9 +225,9 @@ impl Provider for Docker {
                         unavailable => unavailable,
                     });
                 }
-                (None, Some(_)) => {}
-                (None, None) if self.settings.entrypoint.is_empty() => {}
-                (None, None) => return Err(no_entrypoint()),
+                Base::Recipe(_) => {}
+                Base::Nothing if self.settings.entrypoint.is_empty() => {}
+                Base::Nothing => return Err(no_entrypoint()),
             }
             engine.judge()
         };
@@ -242,9 +239,11 @@ impl Provider for Docker {
     /// workload alone is enough and its devices were looked at.
     async fn survey_need(&self, need: &Need) -> Option<Availability> {
         let programs = need.programs();
-        let image = self.settings.image.as_deref();
-        let recipe = self.settings.recipe.as_ref();
-        if image.is_none() && recipe.is_none() && !programs.is_empty() {
+        let base = match self.settings.base() {
+            Ok(base) => base,
+            Err(error) => return Some(Availability::prevented_by(error)),
+        };
+        if base == Base::Nothing && !programs.is_empty() {
             return Some(Availability::Unavailable {
                 reason: format!(
                     "`{need}` needs {}, which the built-in image has not got",
@@ -261,14 +260,14 @@ impl Provider for Docker {
             if programs.is_empty() && engine.is_here && self.settings.entrypoint.is_empty() {
                 return Ok(None);
             }
-            let of_recipe = match recipe {
+            let image = match base {
+                Base::Nothing => None,
+                Base::Image(image) => Some(image.to_owned()),
                 // What its packages will bring, nobody can ask yet.
-                Some(recipe) if !recipe.look(engine).await? => return Ok(None),
-                Some(recipe) => Some(recipe.image(&engine.architecture)),
-                None => None,
+                Base::Recipe(recipe) if !recipe.look(engine).await? => return Ok(None),
+                Base::Recipe(recipe) => Some(recipe.image(&engine.architecture)),
             };
-            let image = image.or(of_recipe.as_deref());
-            let record = check::check(engine, image, need, &self.settings).await?;
+            let record = check::check(engine, image.as_deref(), need, &self.settings).await?;
             Ok(Some(capability_probe::availability(&record)))
         };
         asked
@@ -366,7 +365,7 @@ impl Provider for Docker {
     }
 
     async fn shell(&self, environment: &str) -> Result<Program, ProviderError> {
-        if self.settings.image.is_none() && self.settings.recipe.is_none() {
+        if self.settings.base()? == Base::Nothing {
             return Err(ProviderError::Unsupported {
                 provider: NAME.to_owned(),
                 reason: "the built-in image has the workload in it and no shell".to_owned(),
@@ -521,15 +520,6 @@ async fn check_workload(engine: &Engine, container: &str, image: &Image) -> Resu
             image.name
         )),
     })
-}
-
-/// Which of them is meant, nobody can tell.
-fn two_images() -> ProviderError {
-    ProviderError::Unsupported {
-        provider: NAME.to_owned(),
-        reason: "providers.docker has an `image` and a `recipe` to make one of".to_owned(),
-        hint: Some("take one of them out".to_owned()),
-    }
 }
 
 /// An entry point is a program of an image.

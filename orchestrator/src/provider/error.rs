@@ -157,6 +157,17 @@ impl From<InstallError> for ProviderError {
 }
 
 impl ProviderError {
+    /// What the system of this machine refused, while that was being done.
+    #[must_use]
+    pub fn of_this_machine(action: &str, source: io::Error) -> Self {
+        Self::Refused {
+            platform: "this machine".to_owned(),
+            action: action.to_owned(),
+            hint: None,
+            source: source.into(),
+        }
+    }
+
     /// Whether trying again soon may help, with nothing repaired by anybody, where the platform was reached before.
     #[must_use]
     pub fn is_passing(&self) -> bool {

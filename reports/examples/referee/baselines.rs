@@ -81,6 +81,7 @@ fn night(number: usize, levels: Vec<f64>) -> Night {
             // Above 0, as errors are.
             values: BTreeMap::from([(Metric::TrackingError, vec![100.0 + level])]),
             lack: None,
+            contents: BTreeMap::new(),
         };
         (format!("scenario-{nth}"), measured)
     });

@@ -129,7 +129,10 @@ impl Acknowledgements {
         let metrics: BTreeSet<&str> = nights
             .iter()
             .flat_map(|night| night.scenarios.values())
-            .flat_map(|measured| measured.values.keys().map(Metric::name))
+            .flat_map(|measured| {
+                let contents = measured.contents.keys().map(String::as_str);
+                measured.values.keys().map(Metric::name).chain(contents)
+            })
             .collect();
         let what = |it: &Acknowledgement| {
             if !metrics.is_empty() && it.metric != "*" && !metrics.contains(it.metric.as_str()) {

@@ -12,7 +12,7 @@ use statistics::{
 };
 
 use super::{
-    Cause, Drift, Finding, Judgement, Kind, Metric, Night, Settings, Verdict,
+    Cause, Change, Drift, Finding, Judgement, Kind, LevelChange, Metric, Night, Settings, Verdict, content,
     series::{Point, Series, gone, lacking, level_of, remarks, series_of},
 };
 
@@ -60,6 +60,7 @@ pub fn judge(nights: &[Night], settings: &Settings) -> Drift {
                 findings: Vec::new(),
             },
         })
+        .chain(content::of_baseline(nights, settings))
         .chain(gone(nights, &settings.acknowledgements))
         .collect();
     Drift {
@@ -158,9 +159,11 @@ fn judgement(
             kind: Kind::FromBaseline,
             before: last.run.to_owned(),
             since: tonight.run.to_owned(),
-            level_before,
-            level_since: tonight.level,
-            p,
+            change: Change::Level(LevelChange {
+                before: level_before,
+                since: tonight.level,
+                p,
+            }),
             cause: Cause::between(last.measured, tonight.measured),
             acknowledged: known
                 .of_run(nights, &series.scenario, &series.metric, tonight.run)
@@ -171,7 +174,7 @@ fn judgement(
     }
     let verdict = match (findings.iter().any(Finding::is_news), comparison.detectable) {
         (true, _) => Verdict::Drift,
-        (false, Some(detectable)) => Verdict::NoDrift { detectable },
+        (false, detectable @ Some(_)) => Verdict::NoDrift { detectable },
         (false, None) => Verdict::TooLittle {
             reason: "there are too few windows for any p to be small enough".to_owned(),
         },

@@ -294,6 +294,7 @@ mod tests {
             environment: None,
             values: BTreeMap::from([(Metric::TrackingError, windows.to_vec())]),
             lack: None,
+            contents: BTreeMap::new(),
         }
     }
 

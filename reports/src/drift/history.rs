@@ -10,7 +10,7 @@ use statistics::{
 };
 
 use super::{
-    Acknowledgement, Cause, Drift, Finding, Judgement, Kind, Night, Settings, Verdict,
+    Acknowledgement, Cause, Drift, Finding, Judgement, Kind, LevelChange, Night, Settings, Verdict, content,
     series::{Point, Series, gone, lacking, level_of, remarks, series_of},
 };
 
@@ -42,6 +42,7 @@ pub fn judge(nights: &[Night], settings: &Settings) -> Drift {
         remarks.extend(of_dependence);
         judgements.push(judgement);
     }
+    judgements.extend(content::of_history(nights, settings));
     judgements.extend(gone(nights, &settings.acknowledgements));
     Drift {
         nights: nights.iter().map(|night| night.run.clone()).collect(),
@@ -124,7 +125,7 @@ fn watched_nights(
 fn quiet(series: &Series<'_>, watched: &Watched) -> Verdict {
     let before = series.points.len().saturating_sub(1);
     match watched.detectable {
-        Some(detectable) if before >= FEWEST_NIGHTS => Verdict::NoDrift { detectable },
+        detectable @ Some(_) if before >= FEWEST_NIGHTS => Verdict::NoDrift { detectable },
         _ if before >= FEWEST_NIGHTS => Verdict::TooLittle {
             reason: "all nights have the very same number".to_owned(),
         },
@@ -200,9 +201,11 @@ fn finding(
         kind,
         before: run(last_before),
         since: run(first),
-        level_before,
-        level_since,
-        p: (change.probability * settings.alpha / alpha_of_series).min(1.0),
+        change: super::Change::Level(LevelChange {
+            before: level_before,
+            since: level_since,
+            p: (change.probability * settings.alpha / alpha_of_series).min(1.0),
+        }),
         cause: match (last_before, first) {
             (Some(before), Some(since)) => Cause::between(before.measured, since.measured),
             _ => Cause::Unexplained,

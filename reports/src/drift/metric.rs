@@ -1,6 +1,6 @@
 //! What is followed from night to night. The main type is [`Metric`].
 
-use record::name::is_name;
+use record::{experiment::Compare, name::is_name};
 use serde::{Deserialize, Serialize};
 
 use crate::analysis::quantity::Quantity;
@@ -27,6 +27,11 @@ pub enum Metric {
         /// The unit of its values; empty for numbers without one.
         unit: String,
     },
+    /// A metric of a user's command that is compared byte for byte.
+    Content {
+        /// Its name.
+        name: String,
+    },
 }
 
 impl Metric {
@@ -42,10 +47,12 @@ impl Metric {
     /// The one that a report's metric is followed by.
     #[must_use]
     pub fn of(quantity: &Quantity) -> Self {
-        match quantity.is_tracking_error {
-            true => Self::TrackingError,
-            false => Self::OfCommand {
-                name: quantity.name.clone(),
+        let name = || quantity.name.clone();
+        match quantity.compare {
+            _ if quantity.is_tracking_error => Self::TrackingError,
+            Compare::Identical => Self::Content { name: name() },
+            Compare::Ks => Self::OfCommand {
+                name: name(),
                 unit: quantity.unit.clone(),
             },
         }
@@ -60,14 +67,17 @@ impl Metric {
             Self::PacketDelay => "packet-delay",
             Self::Lateness => "lateness",
             Self::Provisioning => "provisioning",
-            Self::OfCommand { name, .. } => name,
+            Self::OfCommand { name, .. } | Self::Content { name } => name,
         }
     }
 
     /// Whether an experiment is about it; the others are followed beside it.
     #[must_use]
     pub const fn is_of_experiment(&self) -> bool {
-        matches!(self, Self::TrackingError | Self::OfCommand { .. })
+        matches!(
+            self,
+            Self::TrackingError | Self::OfCommand { .. } | Self::Content { .. }
+        )
     }
 
     /// A value as text, with its unit.
@@ -86,6 +96,7 @@ impl Metric {
                 };
                 format!("{digits} {unit}").trim_end().to_owned()
             }
+            Self::Content { .. } => value.to_string(),
         }
     }
 
@@ -106,15 +117,20 @@ impl Metric {
             Self::TrackingError => "m",
             Self::StateAge | Self::PacketDelay | Self::Lateness | Self::Provisioning => "s",
             Self::OfCommand { unit, .. } => unit,
+            Self::Content { .. } => "",
         }
     }
 }
 
-/// As files have it: a name of ours, or a command's with its unit in parentheses, also where it has none.
+/// How the name of one ends that is compared byte for byte.
+const BYTES: &str = " [bytes]";
+
+/// As files have it: a name of ours, or a command's with its unit in parentheses, also where it has none, or with `[bytes]`.
 impl From<Metric> for String {
     fn from(metric: Metric) -> Self {
         match metric {
             Metric::OfCommand { name, unit } => format!("{name} ({unit})"),
+            Metric::Content { name } => format!("{name}{BYTES}"),
             ours => ours.name().to_owned(),
         }
     }
@@ -126,6 +142,11 @@ impl TryFrom<String> for Metric {
     fn try_from(text: String) -> Result<Self, String> {
         if let Some(ours) = Self::OURS.into_iter().find(|metric| metric.name() == text) {
             return Ok(ours);
+        }
+        if let Some(name) = text.strip_suffix(BYTES).filter(|name| is_name(name)) {
+            return Ok(Self::Content {
+                name: name.to_owned(),
+            });
         }
         let of_command = text.strip_suffix(')').and_then(|text| text.split_once(" ("));
         match of_command.filter(|(name, _)| is_name(name)) {
@@ -155,6 +176,8 @@ mod tests {
             of_command("error", ""),
             of_command("rate", "1/(s m)"),
             of_command("x", "mm"),
+            of_command("x", "[bytes]"),
+            Metric::Content { name: "x".to_owned() },
         ];
         let all = Metric::OURS.into_iter().chain(commands);
         let all: BTreeMap<Metric, u32> = all.zip(1..).collect();
@@ -168,7 +191,7 @@ mod tests {
 
     #[test]
     fn what_is_no_metric_is_refused() {
-        for text in ["errors", "a b (mm)", "../x (mm)", " (mm)"] {
+        for text in ["errors", "a b (mm)", "../x (mm)", " (mm)", " [bytes]"] {
             assert!(Metric::try_from(text.to_owned()).is_err(), "{text}");
         }
     }

@@ -23,6 +23,7 @@ use crate::{
     input::{
         overheads::seconds_between,
         run::{Ending, Run, ScenarioRun, WindowState},
+        window_data::MetricData,
     },
 };
 
@@ -72,6 +73,9 @@ pub struct Measured {
     pub environment: Option<EnvironmentRecord>,
     /// The numbers, one for each window or environment.
     pub values: BTreeMap<Metric, Vec<f64>>,
+    /// Of each metric that is compared byte for byte, by its name, the SHA-256 of each window.
+    #[serde(default, skip_serializing_if = "BTreeMap::is_empty")]
+    pub contents: BTreeMap<String, BTreeMap<u32, String>>,
     /// Why there are none.
     pub lack: Option<MissingData>,
 }
@@ -81,6 +85,15 @@ impl Measured {
     #[must_use]
     pub fn level(&self, metric: &Metric) -> Option<f64> {
         median(self.values.get(metric)?.clone())
+    }
+
+    /// Whether the night has anything of a metric.
+    #[must_use]
+    pub fn has(&self, metric: &Metric) -> bool {
+        match metric {
+            Metric::Content { name } => self.contents.get(name).is_some_and(|windows| !windows.is_empty()),
+            numbers => self.level(numbers).is_some(),
+        }
     }
 }
 
@@ -122,11 +135,9 @@ impl Night {
                 let levels = own.filter_map(|sample| level(&sample.values)).collect();
                 values.insert(metric.clone(), levels);
             }
-            // Of an experiment that is compared byte for byte alone, there is no number to miss.
-            let counts = match followed.is_empty() {
-                true => scenario.counted().next().is_some(),
-                false => values.values().any(|levels| !levels.is_empty()),
-            };
+            let contents = contents(scenario, &quantities);
+            let counts = values.values().any(|levels| !levels.is_empty())
+                || contents.values().any(|windows| !windows.is_empty());
             for (_, record, data) in scenario.counted() {
                 let age = data.trace().and_then(|trace| trace.mean_state_age_s);
                 values.entry(Metric::StateAge).or_default().extend(age);
@@ -153,6 +164,7 @@ impl Night {
                     environment: scenario.environment.clone(),
                     lack: (!counts).then(|| lack(scenario)),
                     values,
+                    contents,
                 },
             );
         }
@@ -160,9 +172,7 @@ impl Night {
             run: run.manifest.run.clone(),
             created: run.manifest.created.clone(),
             is_simulated: run.scenarios.iter().any(ScenarioRun::is_simulated),
-            metric: followed
-                .first()
-                .map_or(Metric::Provisioning, |(metric, ..)| metric.clone()),
+            metric: quantities.first().map(Metric::of).unwrap_or_default(),
             equivalence_margin_m: settings.equivalence_margin.map(Length::metres),
             equivalence_margins: followed
                 .iter()
@@ -172,6 +182,19 @@ impl Night {
             scenarios,
         }
     }
+}
+
+fn contents(scenario: &ScenarioRun, quantities: &[Quantity]) -> BTreeMap<String, BTreeMap<u32, String>> {
+    let identical = quantities.iter().filter(|it| it.compare == Compare::Identical);
+    let of_metric = identical.map(|quantity| {
+        let windows = scenario.counted();
+        let windows = windows.filter_map(|(window, _, data)| match data.metric(&quantity.name) {
+            Some(MetricData::Bytes(content)) => Some((window, content.sha256.clone())),
+            _ => None,
+        });
+        (quantity.name.clone(), windows.collect())
+    });
+    of_metric.collect()
 }
 
 fn configuration(run: &Run, scenario: &ScenarioRun) -> Value {

@@ -7,7 +7,7 @@ mod text;
 
 pub use json::DriftDocument;
 
-use super::{Cause, Drift, Finding, Judgement, Kind, Metric, Verdict};
+use super::{Cause, Change, Drift, Finding, Judgement, Kind, Metric, Verdict};
 
 impl Drift {
     /// The verdict in one sentence.
@@ -53,7 +53,15 @@ impl Judgement {
     /// The verdict with what belongs to it, in a clause.
     fn in_words(&self) -> String {
         match &self.verdict {
-            Verdict::NoDrift { detectable } => format!(
+            Verdict::NoDrift { detectable: None } => {
+                format!(
+                    "no drift found in {} nights; any other byte would have been",
+                    self.nights
+                )
+            }
+            Verdict::NoDrift {
+                detectable: Some(detectable),
+            } => format!(
                 "no drift found in {} nights; {} would have been",
                 self.nights,
                 self.metric.text(*detectable)
@@ -68,18 +76,23 @@ impl Judgement {
 impl Finding {
     /// What changed, in a sentence.
     fn in_words(&self, metric: &Metric) -> String {
-        let (from, to) = (metric.text(self.level_before), metric.text(self.level_since));
+        let cause = self.cause.in_words();
+        let level = match &self.change {
+            Change::Level(level) => level,
+            Change::Content(change) => {
+                return format!(
+                    "has other bytes than before in {} ({} of {} windows, the first is {}); {cause}",
+                    self.since, change.changed, change.compared, change.first_window
+                );
+            }
+        };
+        let (from, to) = (metric.text(level.before), metric.text(level.since));
         let change = match self.kind {
             Kind::Jump => format!("jumped from {from} to {to}"),
             Kind::Slope => format!("went little by little from {from} to {to}"),
             Kind::FromBaseline => format!("is {to}, and was {from} in the baseline"),
         };
-        format!(
-            "{change} in {} (p = {:.2e}); {}",
-            self.since,
-            self.p,
-            self.cause.in_words()
-        )
+        format!("{change} in {} (p = {:.2e}); {cause}", self.since, level.p)
     }
 
     /// Why it is not told of, if it is not.
@@ -91,9 +104,14 @@ impl Finding {
             ));
         }
         if let Some(run) = &self.withdrawn {
-            return Some(format!(
-                "withdrawn with {run}: the nights since are nearer to the level before"
-            ));
+            return Some(match self.change {
+                Change::Level(_) => {
+                    format!("withdrawn with {run}: the nights since are nearer to the level before")
+                }
+                Change::Content(_) => {
+                    format!("withdrawn with {run}, which has the same bytes as before again")
+                }
+            });
         }
         self.immaterial
             .then(|| "less than what was declared to matter".to_owned())

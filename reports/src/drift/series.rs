@@ -53,8 +53,7 @@ pub fn series_of(nights: &[Night]) -> Vec<Series<'_>> {
     for scenario in newest.scenarios.keys() {
         for metric in metrics(nights, scenario) {
             let series = Series::of(nights, scenario, metric);
-            let never_asked =
-                matches!(series.lack, Some(MissingData::NotAsked(_))) && series.points.is_empty();
+            let never_asked = never_asked(series.lack.as_ref()) && series.points.is_empty();
             // A metric that no night has, or that is the same in all as far as it is measured, is none of this platform's; but
             // for the one that it is about.
             let levels = || series.points.iter().map(|point| point.level);
@@ -85,6 +84,8 @@ fn is_given_up(newest: &Night, scenario: &str, metric: &Metric) -> bool {
 fn metrics(nights: &[Night], scenario: &str) -> BTreeSet<Metric> {
     let measured = nights.iter().filter_map(|night| night.scenarios.get(scenario));
     let about = nights.last().map(|night| night.metric.clone());
+    // Another look is for these.
+    let about = about.filter(|metric| !matches!(metric, Metric::Content { .. }));
     measured
         .flat_map(|measured| measured.values.keys().cloned())
         .chain(about)
@@ -156,7 +157,7 @@ pub(super) fn gone(nights: &[Night], known: &Acknowledgements) -> Vec<Judgement>
 
 fn measured(night: &Night, scenario: &str) -> bool {
     let measured = night.scenarios.get(scenario);
-    measured.is_some_and(|measured| measured.level(&night.metric).is_some())
+    measured.is_some_and(|measured| measured.has(&night.metric))
 }
 
 /// Scenarios that earlier nights have measured and the newest does not know.
@@ -193,10 +194,9 @@ impl<'a> Series<'a> {
             scenario: scenario.to_owned(),
             metric,
             points,
-            lack: match (has_number, newest.and_then(|newest| newest.lack.clone())) {
-                (true, _) => None,
-                (false, Some(lack)) => Some(lack),
-                (false, None) => Some(MissingData::Absent("the run has no such number".to_owned())),
+            lack: match newest {
+                Some(newest) => lacks(newest, has_number),
+                None => Some(none_there()),
             },
         }
     }
@@ -239,8 +239,27 @@ impl Cause {
 
 /// What a series has to say that has no number tonight.
 pub(super) fn lacking(series: &Series<'_>) -> Option<Verdict> {
-    Some(match series.lack.clone()? {
-        MissingData::Invalid(reason) => Verdict::Invalid { reason },
-        MissingData::Absent(reason) | MissingData::NotAsked(reason) => Verdict::TooLittle { reason },
-    })
+    series.lack.clone().map(Verdict::from)
+}
+
+/// What a night lacks to have something of a metric, if it has not.
+pub(super) fn lacks(measured: &Measured, has: bool) -> Option<MissingData> {
+    (!has).then(|| measured.lack.clone().unwrap_or_else(none_there))
+}
+
+fn none_there() -> MissingData {
+    MissingData::Absent("the run has no such number".to_owned())
+}
+
+pub(super) const fn never_asked(lack: Option<&MissingData>) -> bool {
+    matches!(lack, Some(MissingData::NotAsked(_)))
+}
+
+impl From<MissingData> for Verdict {
+    fn from(lack: MissingData) -> Self {
+        match lack {
+            MissingData::Invalid(reason) => Self::Invalid { reason },
+            MissingData::Absent(reason) | MissingData::NotAsked(reason) => Self::TooLittle { reason },
+        }
+    }
 }

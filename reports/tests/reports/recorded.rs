@@ -188,7 +188,7 @@ fn a_run_is_read_once_and_again_when_a_file_of_it_is_another() {
     for not_true in [
         "",
         "{}",
-        &renamed.replacen("\"format\":3", "\"format\":0", 1),
+        &renamed.replacen("\"format\":4", "\"format\":3", 1),
         &whole.replace(&read.run, "changed"),
     ] {
         fs::write(&kept, not_true).unwrap();

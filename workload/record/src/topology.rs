@@ -17,8 +17,6 @@ pub const MOST_HOSTS: usize = 64;
 pub const MOST_SWITCHES: usize = 16;
 /// A port's name, such as `s1-eth64`, has 15 characters at most.
 const LONGEST_SWITCH: usize = 9;
-/// The switch that there is if none is named, as Mininet names its first.
-const SWITCH: &str = "s1";
 
 /// What both ends of a link do to packets.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -109,7 +107,7 @@ impl Topology {
     pub fn of(wanted: &Wanted<'_>) -> Self {
         let plain = LinkSettings::default();
         let named = wanted.switches.iter().map(|(name, switch)| (*name, switch));
-        let default = wanted.switches.is_empty().then(|| (default_switch(), &plain));
+        let default = wanted.switches.is_empty().then_some((VirtualHost::S1, &plain));
         let mut switches: Vec<TopologySwitch> = Vec::new();
         for (name, settings) in named.chain(default) {
             let uplink = settings
@@ -173,10 +171,6 @@ pub fn address_in_the_ball(host: VirtualHost) -> Ipv4Addr {
 #[must_use]
 pub const fn mac(position: usize) -> [u8; 6] {
     [0, 0, 0, 0, 0, position as u8 + 1]
-}
-
-fn default_switch() -> VirtualHost {
-    SWITCH.parse().unwrap_or(VirtualHost::H1)
 }
 
 impl LinkSettings {
@@ -243,7 +237,7 @@ pub(crate) fn problems(network: &Wanted<'_>) -> Vec<Problem> {
         }
     }
     let known = |switches: &IndexMap<VirtualHost, LinkSettings>| match switches.is_empty() {
-        true => vec![SWITCH.to_owned()],
+        true => vec![VirtualHost::S1.to_string()],
         false => switches.keys().map(ToString::to_string).collect(),
     };
     for name in network
@@ -342,6 +336,20 @@ mod tests {
 
     fn found(network: &NetworkSettings) -> Vec<Problem> {
         problems(&network.wanted(&network.link()))
+    }
+
+    #[test]
+    fn the_fields_of_a_link_are_those_that_a_matrix_file_may_have() {
+        let all: LinkSettings = serde_json::from_value(serde_json::json!({
+            "switch": "s1", "delay": "1ms", "jitter": "1ms", "loss": "0%", "bandwidth": "1Mbit", "limit_packets": 1,
+        }))
+        .unwrap();
+        let written = serde_json::to_value(all).unwrap();
+        let mut fields: Vec<&str> = written.as_object().unwrap().keys().map(String::as_str).collect();
+        let mut named = LinkSettings::FIELDS.to_vec();
+        fields.sort_unstable();
+        named.sort_unstable();
+        assert_eq!(fields, named);
     }
 
     #[test]

@@ -29,6 +29,8 @@ impl VirtualHost {
     pub const STA1: Self = Self::constant(b"sta1");
     /// Of the ball on the plate: runs the plant.
     pub const STA2: Self = Self::constant(b"sta2");
+    /// The switch that there is if none is named, as Mininet names its first.
+    pub const S1: Self = Self::constant(b"s1");
     /// Those of the ball on the plate, which the paper names so, in the order of their switch ports.
     pub const OF_THE_BALL: [Self; 3] = [Self::H1, Self::STA1, Self::STA2];
 

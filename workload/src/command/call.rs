@@ -7,11 +7,12 @@ use std::{
 };
 
 use nix::sys::signal::Signal;
+use record::window::CommandRecord;
 use rustix::fs::statvfs;
 
 use super::{
     CommandError,
-    program::{End, Printed, Program, Running, Usage, any_ends_within},
+    program::{self, End, Printed, Program, Running, Usage, any_ends_within},
 };
 use crate::descendants::Descendants;
 
@@ -160,6 +161,27 @@ impl Bounds<'_> {
     pub fn until_next_look(&self) -> Duration {
         self.timeout.saturating_sub(self.began.elapsed()).min(LOOK)
     }
+
+    /// Waits for the end of a program, and tells `watch` about once a second for how long that has been; why it is not to go on, if it
+    /// did not end by itself.
+    ///
+    /// # Errors
+    /// If the system refuses.
+    pub fn wait(
+        &self,
+        running: &Running,
+        mut watch: impl FnMut(Duration),
+    ) -> Result<Option<Outcome>, CommandError> {
+        loop {
+            if any_ends_within(&[running], self.until_next_look())? {
+                return Ok(None);
+            }
+            if let Some(outcome) = self.exceeded() {
+                return Ok(Some(outcome));
+            }
+            watch(self.began.elapsed());
+        }
+    }
 }
 
 impl Call<'_> {
@@ -167,19 +189,27 @@ impl Call<'_> {
     ///
     /// # Errors
     /// When it cannot be started or what it left behind does not end.
-    pub fn run(&self, mut watch: impl FnMut(Duration)) -> Result<Ended, CommandError> {
+    pub fn run(&self, watch: impl FnMut(Duration)) -> Result<Ended, CommandError> {
         let running = self.program.start()?;
-        let cut = self.wait(&running, &mut watch)?;
-        if cut.is_some() {
-            running.ask_to_end();
-            if !any_ends_within(&[&running], GRACE)? {
-                running.kill();
-            }
-        }
-        running.until_killed()?;
-        let (end, usage) = running.wait()?;
-        let left_behind = self.descendants.end_all()?;
-        Ok(Ended {
+        let cut = self.bounds.wait(&running, watch)?;
+        Ended::of(&running, cut, self.descendants)
+    }
+}
+
+impl Ended {
+    /// Ends a program that may have ended by itself, and all that it started. `cut` is why, if it did not.
+    ///
+    /// # Errors
+    /// When something of it does not end.
+    pub fn of(
+        running: &Running,
+        cut: Option<Outcome>,
+        descendants: &Descendants,
+    ) -> Result<Self, CommandError> {
+        let ends = program::end(&[running], GRACE)?;
+        let left_behind = descendants.end_all()?;
+        let (end, usage) = ends.first().copied().ok_or(CommandError::NoWork)?;
+        Ok(Self {
             outcome: cut.unwrap_or(end.into()),
             usage,
             printed: running.printed(),
@@ -187,20 +217,33 @@ impl Call<'_> {
         })
     }
 
-    /// Waits for its end; why it is not to go on, if it did not end by itself.
-    fn wait(
-        &self,
-        running: &Running,
-        watch: &mut impl FnMut(Duration),
-    ) -> Result<Option<Outcome>, CommandError> {
-        loop {
-            if any_ends_within(&[running], self.bounds.until_next_look())? {
-                return Ok(None);
-            }
-            watch(self.bounds.began.elapsed());
-            if let Some(outcome) = self.bounds.exceeded() {
-                return Ok(Some(outcome));
-            }
+    /// What the window's record has of it.
+    #[must_use]
+    pub fn record(&self) -> CommandRecord {
+        CommandRecord {
+            exit_code: self.outcome.exit_code(),
+            cpu_ns: self.usage.cpu_ns,
+            peak_memory_bytes: self.usage.peak_memory_bytes,
+            stdout_bytes: self.printed.stdout.bytes,
+            stderr_bytes: self.printed.stderr.bytes,
+            left_behind: self.left_behind,
+            nodes: Vec::new(),
+        }
+    }
+
+    /// That nothing killed the command of this window.
+    ///
+    /// # Errors
+    /// If something did.
+    pub fn check_not_killed(&self, window: u32) -> Result<(), CommandError> {
+        match self.outcome {
+            Outcome::Killed { signal } => Err(CommandError::Killed {
+                who: "the command".to_owned(),
+                window,
+                signal,
+                last_words: self.printed.last_words(),
+            }),
+            _ => Ok(()),
         }
     }
 }

@@ -1,9 +1,6 @@
 //! All windows of a command that lasts for them: one call, which is asked to end after the last.
 
-use std::{
-    iter::Peekable,
-    time::{Duration, Instant},
-};
+use std::{iter::Peekable, time::Instant};
 
 use record::{
     progress::Progress,
@@ -11,12 +8,11 @@ use record::{
 };
 
 use super::{
-    CommandError, LAST_WORDS, Measured, Runs,
-    call::{Bounds, GRACE, LOOK, Outcome},
+    Measured, Runs,
+    call::{Bounds, Ended, Outcome},
     collection::{OUTPUT, check, keep_output, write_error},
     cuts::{Cuts, UpTo},
-    program::{Printed, Running, any_ends_within},
-    said_last,
+    program::Running,
 };
 use crate::experiment::{Ending, ExperimentError, snapshot::Snapshot, window_folder::WindowFolder};
 
@@ -90,13 +86,18 @@ impl Runs<'_> {
                 measured.reasons = self.cut(&mut call.cuts, &folder, UpTo::LastLine)?;
             }
             if cut.is_some() || windows.peek().is_none() {
-                let printed = self.end(&call.running, &mut measured.command)?;
-                keep_output(folder.path(), &OUTPUT, &printed)?;
-                if let Some(outcome) = cut {
-                    measured.reasons = self.early(outcome, number, &mut measured.command, &printed)?;
+                let ended = Ended::of(&call.running, cut, self.descendants)?;
+                keep_output(folder.path(), &OUTPUT, &ended.printed)?;
+                measured.command = ended.record();
+                if cut.is_some() {
+                    ended.check_not_killed(number)?;
+                    measured.reasons = self.early(&ended);
                     measured
                         .reasons
                         .extend(self.cut(&mut call.cuts, &folder, UpTo::End)?);
+                } else {
+                    // It is how it took being asked to end, and says nothing of the window.
+                    measured.command.exit_code = None;
                 }
             }
             // Of the call, which all its windows share.
@@ -123,66 +124,28 @@ impl Runs<'_> {
         number: u32,
         ends: Instant,
     ) -> Result<Option<Outcome>, ExperimentError> {
-        let bounds = Bounds {
-            timeout: Duration::MAX,
-            ..self.bounds()
+        let bounds = self.bounds();
+        let window = Bounds {
+            timeout: ends.saturating_duration_since(bounds.began),
+            ..bounds
         };
-        loop {
-            let left = ends.saturating_duration_since(Instant::now());
-            if any_ends_within(&[running], left.min(bounds.until_next_look()))? {
-                return Ok(running.ended()?.map(Outcome::from));
-            }
-            if left.is_zero() {
-                return Ok(None);
-            }
-            if let Some(outcome) = bounds.exceeded() {
-                return Ok(Some(outcome));
-            }
-            if bounds.began.elapsed() > LOOK {
-                self.say_running(number, bounds.began.elapsed());
-            }
+        match window.wait(running, |elapsed| self.say_running(number, elapsed))? {
+            None => Ok(running.ended()?.map(Outcome::from)),
+            // The window is over, and the command goes on.
+            Some(Outcome::TimedOut) => Ok(None),
+            cut => Ok(cut),
         }
-    }
-
-    /// Ends a call with all that it started; what it printed.
-    fn end(&self, running: &Running, command: &mut CommandRecord) -> Result<Printed, ExperimentError> {
-        running.ask_to_end();
-        if !any_ends_within(&[running], GRACE)? {
-            running.kill();
-        }
-        running.until_killed()?;
-        let (_, usage) = running.wait()?;
-        command.left_behind = self.descendants.end_all()?;
-        let printed = running.printed();
-        command.cpu_ns = usage.cpu_ns;
-        command.peak_memory_bytes = usage.peak_memory_bytes;
-        command.stdout_bytes = printed.stdout.bytes;
-        command.stderr_bytes = printed.stderr.bytes;
-        Ok(printed)
     }
 
     /// Why a window does not count in which the call ended.
-    fn early(
-        &self,
-        outcome: Outcome,
-        number: u32,
-        command: &mut CommandRecord,
-        printed: &Printed,
-    ) -> Result<Vec<String>, CommandError> {
-        command.exit_code = outcome.exit_code();
-        if let Outcome::Killed { signal } = outcome {
-            return Err(CommandError::Killed {
-                who: "the command".to_owned(),
-                window: number,
-                signal,
-                last_words: printed.last_words(LAST_WORDS),
-            });
-        }
-        let how = outcome.in_words(self.experiment.window.longest().duration());
+    fn early(&self, ended: &Ended) -> Vec<String> {
+        let how = ended
+            .outcome
+            .in_words(self.experiment.window.longest().duration());
         // Of any other exit code the verdict says so.
-        let is_told = outcome.exit_code().is_some_and(|code| code != 0);
+        let is_told = ended.outcome.exit_code().is_some_and(|code| code != 0);
         let why = (!is_told).then(|| format!("the command {how} before its windows were over"));
-        Ok(why.into_iter().chain(said_last(printed)).collect())
+        why.into_iter().chain(ended.printed.said_last()).collect()
     }
 
     /// Takes the window's part of the files, and says what is wrong with it.

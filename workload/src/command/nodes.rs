@@ -1,10 +1,7 @@
 //! One window of nodes: programs on the hosts of an emulated network, started one after the other as each is ready, until those that
 //! are not in the background have ended. The main type is [`NodesCall`].
 
-use std::{
-    path::Path,
-    time::{Duration, Instant},
-};
+use std::{path::Path, time::Duration};
 
 use record::{
     experiment::{CommandExperiment, NodeSettings, Ready, Values, WindowValues},
@@ -16,7 +13,7 @@ use record::{
 use super::{
     call::{Bounds, GRACE, Outcome, is_a_crash},
     emulation::Emulation,
-    program::{End, Printed, Program, Running, Usage, any_ends_within},
+    program::{self, End, Printed, Program, Running, Usage, any_ends_within},
 };
 use crate::{
     command_error::CommandError, descendants::Descendants, experiment::ExperimentError, virtual_hosts,
@@ -82,7 +79,7 @@ impl NodesEnded {
     ///
     /// # Errors
     /// When something killed a node.
-    pub fn reasons(&self, window: u32, timeout: Duration, most: usize) -> Result<Vec<String>, CommandError> {
+    pub fn reasons(&self, window: u32, timeout: Duration) -> Result<Vec<String>, CommandError> {
         let mut reasons = Vec::new();
         match &self.cut {
             None => {}
@@ -95,29 +92,29 @@ impl NodesEnded {
                 else {
                     return Ok(reasons);
                 };
-                let last_words = printed.last_words(most);
-                if let Some(signal) = node.signal.filter(|signal| is_a_crash(*signal)) {
-                    reasons.push(format!("node `{}` crashed with signal {signal}", node.name));
-                    reasons
-                        .extend((!last_words.is_empty()).then(|| format!("it printed last: {last_words}")));
-                    return Ok(reasons);
-                }
-                if let Some(signal) = node.signal {
-                    return Err(CommandError::Killed {
-                        who: format!("node `{}`", node.name),
-                        window,
-                        signal,
-                        last_words,
-                    });
-                }
-                let code = node.exit_code.unwrap_or_default();
-                let early = match (code, node.ready_after_ns) {
-                    (0, None) => " before it was ready",
-                    (0, Some(_)) => " before the window was over",
-                    _ => "",
-                };
-                reasons.push(format!("node `{}` ended with exit code {code}{early}", node.name));
-                reasons.extend((!last_words.is_empty()).then(|| format!("it printed last: {last_words}")));
+                reasons.push(match node.signal {
+                    Some(signal) if is_a_crash(signal) => {
+                        format!("node `{}` crashed with signal {signal}", node.name)
+                    }
+                    Some(signal) => {
+                        return Err(CommandError::Killed {
+                            who: format!("node `{}`", node.name),
+                            window,
+                            signal,
+                            last_words: printed.last_words(),
+                        });
+                    }
+                    None => {
+                        let code = node.exit_code.unwrap_or_default();
+                        let early = match (code, node.ready_after_ns) {
+                            (0, None) => " before it was ready",
+                            (0, Some(_)) => " before the window was over",
+                            _ => "",
+                        };
+                        format!("node `{}` ended with exit code {code}{early}", node.name)
+                    }
+                });
+                reasons.extend(printed.said_last());
             }
         }
         Ok(reasons)
@@ -281,23 +278,12 @@ impl NodesCall<'_> {
         started: Vec<Started<'_>>,
         descendants: &Descendants,
     ) -> Result<NodesEnded, ExperimentError> {
-        let asked = Instant::now();
-        for it in started.iter().rev() {
-            it.running.ask_to_end();
-        }
-        for it in started.iter().rev() {
-            let left = GRACE.saturating_sub(asked.elapsed());
-            if !any_ends_within(&[&it.running], left)? {
-                it.running.kill();
-            }
-        }
-        let mut ended = NodesEnded::default();
-        let mut ends = Vec::new();
-        for it in &started {
-            it.running.until_killed()?;
-            ends.push(it.running.wait()?);
-        }
-        ended.left_behind = descendants.end_all()?;
+        let running: Vec<_> = started.iter().map(|it| &it.running).collect();
+        let ends = program::end(&running, GRACE)?;
+        let mut ended = NodesEnded {
+            left_behind: descendants.end_all()?,
+            ..NodesEnded::default()
+        };
         for (it, (end, usage)) in started.iter().zip(ends) {
             let printed = it.running.printed();
             ended.usage.cpu_ns += usage.cpu_ns;

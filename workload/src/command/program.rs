@@ -40,6 +40,8 @@ use crate::child_process;
 const STREAMS: Duration = Duration::from_secs(10);
 /// No file that a command writes may be longer: 4 GiB.
 const LONGEST_FILE: u64 = 4 << 30;
+/// How much of what a program printed last is a reason of its window, in characters.
+const LAST_WORDS: usize = 300;
 /// Where programs are looked for if nothing is said, as Debian has it.
 const PATH: &str = "/usr/local/sbin:/usr/local/bin:/usr/sbin:/usr/bin:/sbin:/bin";
 
@@ -96,12 +98,19 @@ pub struct Printed {
 impl Printed {
     /// The end of it, on standard error unless there is nothing.
     #[must_use]
-    pub fn last_words(&self, most: usize) -> String {
-        let on_stderr = self.stderr.last_words(most);
+    pub fn last_words(&self) -> String {
+        let on_stderr = self.stderr.last_words(LAST_WORDS);
         match on_stderr.is_empty() {
-            true => self.stdout.last_words(most),
+            true => self.stdout.last_words(LAST_WORDS),
             false => on_stderr,
         }
+    }
+
+    /// The same as a sentence, if it printed anything.
+    #[must_use]
+    pub fn said_last(&self) -> Option<String> {
+        let words = self.last_words();
+        (!words.is_empty()).then(|| format!("it printed last: {words}"))
     }
 }
 
@@ -197,32 +206,22 @@ impl Running {
     }
 
     /// Asks its process group to end.
-    pub fn ask_to_end(&self) {
+    fn ask_to_end(&self) {
         let _ = killpg(self.pid, Signal::SIGTERM);
     }
 
     /// Ends its process group, and itself: its group may be another one by now.
-    pub fn kill(&self) {
+    fn kill(&self) {
         let _ = killpg(self.pid, Signal::SIGKILL);
         let _ = kill(self.pid, Signal::SIGKILL);
     }
 
-    /// Waits until it has ended that was to end, in bounded time.
-    ///
-    /// # Errors
-    /// If it does not end: a program of another user's, such as `sudo`, takes no signal from this one.
-    pub fn until_killed(&self) -> Result<(), CommandError> {
-        match any_ends_within(&[self], STREAMS)? {
-            true => Ok(()),
-            false => Err(CommandError::Stubborn { count: 1 }),
+    /// Waits for the end of one that was killed or has ended, and says how it came and what it used.
+    fn wait(&self) -> Result<(End, Usage), CommandError> {
+        // A program of another user's, such as `sudo`, takes no signal from this one.
+        if !any_ends_within(&[self], STREAMS)? {
+            return Err(CommandError::Stubborn { count: 1 });
         }
-    }
-
-    /// Waits for its end, and says how it came and what it used.
-    ///
-    /// # Errors
-    /// If the system refuses.
-    pub fn wait(&self) -> Result<(End, Usage), CommandError> {
         let (status, usage) = wait4(self.pid).map_err(CommandError::system("wait for the command"))?;
         let end = match status.code() {
             Some(code) => End::Exited(code),
@@ -240,6 +239,30 @@ impl Running {
             .map(|stream| stream.recv_timeout(STREAMS).unwrap_or_default());
         Printed { stdout, stderr }
     }
+}
+
+/// Asks those programs that still run to end, the last one first, and kills those that have not ended when the grace is over, which is
+/// for all together. How each ended, and what it used.
+///
+/// # Errors
+/// If one does not end, or the system refuses.
+pub fn end(programs: &[&Running], grace: Duration) -> Result<Vec<(End, Usage)>, CommandError> {
+    let deadline = Instant::now() + grace;
+    let mut asked = Vec::new();
+    for program in programs.iter().rev() {
+        // What one left behind that has ended by itself is not the business of a signal to its group.
+        if program.ended()?.is_none() {
+            program.ask_to_end();
+            asked.push(program);
+        }
+    }
+    for program in asked {
+        let left = deadline.saturating_duration_since(Instant::now());
+        if !any_ends_within(&[program], left)? {
+            program.kill();
+        }
+    }
+    programs.iter().map(|program| program.wait()).collect()
 }
 
 /// It may have ended already, and then needs no limit.

@@ -66,12 +66,7 @@ async fn attempt(
     if running.stream.write_all(&json(&there)).await.is_ok() {
         let _ = running.stream.shutdown().await;
     }
-    let refused = |source: io::Error| ProviderError::Refused {
-        platform: "this machine".to_owned(),
-        action: ACTION.to_owned(),
-        hint: None,
-        source: source.into(),
-    };
+    let refused = |source| ProviderError::of_this_machine(ACTION, source);
     let stream = running.stream.into_std().map_err(refused)?;
     stream.set_nonblocking(false).map_err(refused)?;
     let (into, allowance) = (into.to_owned(), allowance.clone());

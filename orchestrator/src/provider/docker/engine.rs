@@ -194,12 +194,8 @@ impl Engine {
             found => found.to_owned(),
         };
         let listener = Listener::Unix(socket.into());
-        let forward = Forward::open(Arc::clone(host), listener).map_err(|source| ProviderError::Refused {
-            platform: "this machine".to_owned(),
-            action: "making a socket".to_owned(),
-            hint: None,
-            source: source.into(),
-        })?;
+        let forward = Forward::open(Arc::clone(host), listener)
+            .map_err(|source| ProviderError::of_this_machine("making a socket", source))?;
         match Self::at(&format!("unix://{}", forward.socket().display())).await {
             Ok(engine) => Ok(Self {
                 is_here: false,

@@ -188,12 +188,7 @@ pub fn archive(action: &str, files: &[File<'_>]) -> Result<Vec<u8>, ProviderErro
     let packed = pack();
     packed
         .and_then(|()| archive.into_inner())
-        .map_err(|source| ProviderError::Refused {
-            platform: "this machine".to_owned(),
-            action: action.to_owned(),
-            hint: None,
-            source: source.into(),
-        })
+        .map_err(|source| ProviderError::of_this_machine(action, source))
 }
 
 #[cfg(test)]

@@ -165,8 +165,8 @@ impl Recipe {
         let _building = BUILDING.lock().await;
         if !self.look(engine).await? {
             let name = self.image(&engine.architecture);
-            let folder =
-                tempfile::tempdir().map_err(|error| refused("making a folder for the image", error))?;
+            let folder = tempfile::tempdir()
+                .map_err(|error| ProviderError::of_this_machine("making a folder for the image", error))?;
             let root = folder.path().join("root.tar");
             self.make_root(&engine.architecture, folder.path(), &root).await?;
             hand_over(engine, &name, &root).await?;
@@ -203,7 +203,7 @@ impl Recipe {
             std::fs::set_permissions(&mirror, std::os::unix::fs::PermissionsExt::from_mode(0o700))?;
             Ok((write("root", ROOT)?, write("packages", &packages)?))
         })();
-        let (script, list) = written.map_err(|error| refused(ACTION, error))?;
+        let (script, list) = written.map_err(|error| ProviderError::of_this_machine(ACTION, error))?;
         let running = Command::new("bash")
             .arg(script)
             .args([
@@ -223,7 +223,7 @@ impl Recipe {
                 action: ACTION.to_owned(),
                 after: TIMEOUT,
             })?;
-        let ended = ended.map_err(|error| refused(ACTION, error))?;
+        let ended = ended.map_err(|error| ProviderError::of_this_machine(ACTION, error))?;
         if ended.status.success() {
             return Ok(());
         }
@@ -243,7 +243,9 @@ impl Recipe {
 /// Gives the engine an archive as an image of that name.
 async fn hand_over(engine: &Engine, name: &str, root: &Path) -> Result<(), ProviderError> {
     let action = format!("importing the image {name}");
-    let file = File::open(root).await.map_err(|error| refused(&action, error))?;
+    let file = File::open(root)
+        .await
+        .map_err(|error| ProviderError::of_this_machine(&action, error))?;
     let (repository, tag) = name.split_once(':').unwrap_or((name, "latest"));
     let labels: HashMap<String, String> = Labels::of_recipe().write();
     let changes: Vec<String> = labels
@@ -263,15 +265,6 @@ async fn hand_over(engine: &Engine, name: &str, root: &Path) -> Result<(), Provi
         .try_for_each(|_| async { Ok(()) })
         .await
         .map_err(|error| translate(&action, error))
-}
-
-fn refused(action: &str, source: std::io::Error) -> ProviderError {
-    ProviderError::Refused {
-        platform: "this machine".to_owned(),
-        action: action.to_owned(),
-        hint: None,
-        source: source.into(),
-    }
 }
 
 #[cfg(test)]

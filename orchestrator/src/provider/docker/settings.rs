@@ -7,7 +7,10 @@ use schemars::JsonSchema;
 use serde::{Deserialize, Deserializer, Serialize, de::DeserializeOwned};
 
 use super::{folders::DATA, recipe::Recipe};
-use crate::provider::AskedRight;
+use crate::provider::{AskedRight, ProviderError};
+
+/// What `virtualization` calls the provider.
+pub const NAME: &str = "docker";
 
 /// How containers are made. Without any of it, the image is the workload's own and nothing is limited.
 #[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize, JsonSchema)]
@@ -55,6 +58,36 @@ pub struct DockerSettings {
     /// `--cpu-rt-runtime`. Where the priority is refused, the workload records it and goes on without.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub realtime_runtime: Option<TimeSpan>,
+}
+
+/// What the workload is put on in a container.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub enum Base<'a> {
+    /// Nothing: an image that has the workload and no other program.
+    Nothing,
+    /// An image that the engine has.
+    Image(&'a str),
+    /// One that is made of packages.
+    Recipe(&'a Recipe),
+}
+
+impl DockerSettings {
+    /// What the workload is put on.
+    ///
+    /// # Errors
+    /// If the settings name two images: which of them is meant, nobody can tell.
+    pub fn base(&self) -> Result<Base<'_>, ProviderError> {
+        match (&self.image, &self.recipe) {
+            (None, None) => Ok(Base::Nothing),
+            (Some(image), None) => Ok(Base::Image(image)),
+            (None, Some(recipe)) => Ok(Base::Recipe(recipe)),
+            (Some(_), Some(_)) => Err(ProviderError::Unsupported {
+                provider: NAME.to_owned(),
+                reason: "providers.docker has an `image` and a `recipe` to make one of".to_owned(),
+                hint: Some("take one of them out".to_owned()),
+            }),
+        }
+    }
 }
 
 /// What a container's programs may call only where a matrix file asks for it.

@@ -4,7 +4,7 @@ use serde::Serialize;
 use serde_json::{Value, json};
 
 use crate::drift::{
-    Acknowledgement, Cause, Drift, Finding, Judgement, Verdict, contrasts::NightContrastsEntry,
+    Acknowledgement, Cause, Change, Drift, Finding, Judgement, Verdict, contrasts::NightContrastsEntry,
 };
 
 /// Whether what is measured night after night has changed: the output of `matrix drift --json`.
@@ -33,7 +33,7 @@ pub struct DriftDocument<'a> {
 struct JudgementEntry<'a> {
     /// The scenario's slug.
     scenario: &'a str,
-    /// `error`, `state-age`, `packet-delay`, `lateness` or `provisioning`.
+    /// `error`, `state-age`, `packet-delay`, `lateness` or `provisioning`, or a metric of the experiment.
     metric: &'a str,
     /// The SI unit of the metric's values.
     unit: &'a str,
@@ -41,7 +41,8 @@ struct JudgementEntry<'a> {
     verdict: &'static str,
     /// Why nothing can be judged; null where something can.
     reason: Option<&'a str>,
-    /// A change that would have been found with a probability of 80 %, in `unit`; null unless no drift was found.
+    /// A change that would have been found with a probability of 80 %, in `unit`; null unless no drift was found, and of a metric that is
+    /// compared byte for byte.
     detectable: Option<f64>,
     /// Nights with a number.
     nights: usize,
@@ -59,12 +60,15 @@ struct FindingEntry<'a> {
     before: &'a str,
     /// The first night with the change.
     since: &'a str,
-    /// The level before, in the judgement's unit.
-    level_before: f64,
+    /// The level before, in the judgement's unit; null of a metric that is compared byte for byte.
+    level_before: Option<f64>,
     /// The level since, in the judgement's unit.
-    level_since: f64,
+    level_since: Option<f64>,
     /// The p-value, adjusted for all scenarios and metrics.
-    p: f64,
+    p: Option<f64>,
+    /// Which windows have other bytes than before; only of a metric that is compared byte for byte.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    windows: Option<ChangedWindows>,
     /// What else changed.
     cause: CauseEntry<'a>,
     /// Who acknowledged the change; null if nobody did.
@@ -74,6 +78,18 @@ struct FindingEntry<'a> {
     /// The run with which the change was withdrawn, since the nights after `since` are nearer to the level before; null if it was
     /// not.
     withdrawn: Option<&'a str>,
+}
+
+/// Which windows have other bytes than before.
+#[derive(Serialize)]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
+struct ChangedWindows {
+    /// The number of the first of them.
+    first: u32,
+    /// How many have.
+    changed: usize,
+    /// How many were there before, too.
+    compared: usize,
 }
 
 /// What else changed.
@@ -141,7 +157,7 @@ fn plain(text: &str) -> String {
 
 fn judgement(judgement: &Judgement) -> JudgementEntry<'_> {
     let detectable = match judgement.verdict {
-        Verdict::NoDrift { detectable } => Some(detectable),
+        Verdict::NoDrift { detectable } => detectable,
         Verdict::Drift | Verdict::Invalid { .. } | Verdict::TooLittle { .. } => None,
     };
     JudgementEntry {
@@ -176,13 +192,25 @@ fn finding(finding: &Finding) -> FindingEntry<'_> {
             .collect(),
         Cause::Unexplained => Vec::new(),
     };
+    let (level, windows) = match finding.change {
+        Change::Level(level) => (Some(level), None),
+        Change::Content(change) => (
+            None,
+            Some(ChangedWindows {
+                first: change.first_window,
+                changed: change.changed,
+                compared: change.compared,
+            }),
+        ),
+    };
     FindingEntry {
         kind: finding.kind.name(),
         before: &finding.before,
         since: &finding.since,
-        level_before: finding.level_before,
-        level_since: finding.level_since,
-        p: finding.p,
+        level_before: level.map(|level| level.before),
+        level_since: level.map(|level| level.since),
+        p: level.map(|level| level.p),
+        windows,
         cause: CauseEntry {
             kind: finding.cause.name(),
             fields,
