@@ -9,6 +9,7 @@ pub mod diagnostic;
 mod experiment;
 mod hosts;
 mod places;
+mod platforms;
 mod renamed;
 mod report_option;
 mod schema;
@@ -29,6 +30,9 @@ use std::{
 };
 
 use record::{
+    axis::SIMULATED,
+    causes::with_causes,
+    connection::Connection,
     experiment::CommandExperiment,
     report_settings::ReportSettings,
     run_directory::Place,
@@ -41,6 +45,7 @@ pub(crate) use axes::{FEWER, SCENARIOS};
 pub use diagnostic::{Code, Diagnostic, DiagnosticRecord, Diagnostics, Severity};
 pub use hosts::{Host, THIS_MACHINE};
 pub(crate) use places::Places;
+pub use platforms::{PlatformFileError, PlatformFiles};
 pub use report_option::ReportOption;
 pub use schema::schema;
 pub(crate) use spelling::{did_you_mean, list, propose};
@@ -89,6 +94,10 @@ pub struct MatrixFile {
     pub providers: ProviderSettings,
     /// The providers that there are.
     pub catalogue: Catalogue,
+    /// Whether all scenarios are computed, whatever their `virtualization`.
+    pub all_simulated: bool,
+    /// The platforms that simulated scenarios are on, if they have files.
+    pub platforms: Option<PlatformFiles>,
     /// What is odd and yet no error.
     pub warnings: Diagnostics,
     /// The whole file with the profile applied: where things stand, and what sweeps are laid on.
@@ -138,8 +147,50 @@ impl MatrixFile {
             for host in &mut file.hosts {
                 host.connection.name_files_from(folder);
             }
+            if let Some(platforms) = &file.providers.simulated.platforms {
+                file.read_platforms(&folder.join(platforms))?;
+            }
         }
         Ok(file)
+    }
+
+    /// Has all scenarios computed on this machine, whatever they are to be measured on: no host is reached.
+    #[must_use]
+    pub fn simulated(mut self) -> Self {
+        self.all_simulated = true;
+        for host in &mut self.hosts {
+            host.connection = Connection::Local;
+        }
+        self
+    }
+
+    /// Takes the platforms of simulated scenarios from a folder.
+    ///
+    /// # Errors
+    /// When a file of it is none.
+    pub fn read_platforms(&mut self, folder: &Path) -> Result<(), Diagnostics> {
+        let read = PlatformFiles::read(folder).map_err(|error| {
+            let span = self.place_of("providers.simulated.platforms");
+            let diagnostic = Diagnostic::error(&self.source, Code::InvalidValue, span, with_causes(&error));
+            let mut found = Diagnostics::new();
+            found.push(match error.hint() {
+                Some(hint) => diagnostic.help(hint),
+                None => diagnostic,
+            });
+            found
+        })?;
+        self.platforms = Some(read);
+        Ok(())
+    }
+
+    /// The name of the provider that makes a scenario's environments.
+    #[must_use]
+    pub const fn provider_of<'a>(&self, virtualization: &'a str) -> &'a str {
+        if self.all_simulated {
+            SIMULATED
+        } else {
+            virtualization
+        }
     }
 
     /// Reads a text under a name for the built-in providers and applies a profile.
@@ -224,6 +275,8 @@ impl MatrixFile {
             report,
             providers,
             catalogue,
+            all_simulated: false,
+            platforms: None,
             warnings: Diagnostics::new(),
             tree,
         };

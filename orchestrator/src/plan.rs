@@ -17,11 +17,12 @@ mod units;
 use std::collections::{BTreeMap, BTreeSet};
 
 use record::{
-    axis::VIRTUALIZATION,
+    axis::SIMULATED,
     run_directory::{FORMAT, PlanRecord, PlannedScenario},
-    settings::{Need, Settings},
+    settings::{Need, Settings, SimulationSettings},
 };
 use serde_json::Value;
+use sha2::{Digest as _, Sha256};
 
 pub use attainable::Attainable;
 use order::Order;
@@ -114,7 +115,7 @@ impl<'a> ExpandedMatrix<'a> {
                 questions
                     .entry(offer.host.clone())
                     .or_default()
-                    .entry(combination.virtualization().to_owned())
+                    .entry(self.file.provider_of(combination.virtualization()).to_owned())
                     .or_default()
                     .extend(need.clone());
             }
@@ -141,7 +142,7 @@ impl<'a> ExpandedMatrix<'a> {
             ..
         } = self;
         let offers = offers(file, facts);
-        let mut scenarios = scenarios(file, &combinations, settings, &offers);
+        let mut scenarios = scenarios(file, &combinations, settings, &offers, &mut found);
         placement::share(&mut scenarios, &offers);
         report_names::check(&file.places(), &file.report, &scenarios, &mut found);
         let (left_out, mut found) = match selection.apply(&candidates(&scenarios)) {
@@ -170,7 +171,7 @@ impl<'a> ExpandedMatrix<'a> {
             }
         }
         check_windows(file, &scenarios, &mut found);
-        let used: BTreeSet<_> = running.iter().filter_map(|it| it.axis(VIRTUALIZATION)).collect();
+        let used: BTreeSet<_> = running.iter().map(|it| it.provider()).collect();
         let kinds = file.catalogue.kinds().filter(|kind| used.contains(kind.name));
         let rights = kinds.flat_map(|kind| (kind.rights)(&file.providers)).collect();
         let mut orders = order.rounds(&running, seed).into_iter();
@@ -243,8 +244,9 @@ fn check_hosts(
     offers: &[HostCapabilities],
     found: &mut Diagnostics,
 ) {
-    let measured =
-        |it: &&Combination| it.excluded.is_none() && !file.catalogue.is_simulated(it.virtualization());
+    let measured = |it: &&Combination| {
+        it.excluded.is_none() && !file.catalogue.is_simulated(file.provider_of(it.virtualization()))
+    };
     let wanted: BTreeSet<&str> = combinations
         .iter()
         .filter(measured)
@@ -280,6 +282,7 @@ fn scenarios(
     combinations: &[Combination],
     settings: Vec<Settings>,
     offers: &[HostCapabilities],
+    found: &mut Diagnostics,
 ) -> Vec<PlannedScenario> {
     let texts = |combination: &Combination| {
         let values = combination.axes.iter();
@@ -290,19 +293,31 @@ fn scenarios(
     let slugs = naming::slugs(&combinations.iter().map(texts).collect::<Vec<_>>());
     let named = std::iter::zip(combinations, slugs).zip(settings).enumerate();
     named
-        .map(|(index, ((combination, slug), settings))| {
-            let virtualization = combination.virtualization();
-            let is_simulated = file.catalogue.is_simulated(virtualization);
-            let placement = place(combination, Need::of(&settings).as_ref(), offers);
+        .map(|(index, ((combination, slug), mut settings))| {
+            if let Some(simulation) = &mut settings.simulation {
+                simulation.seed = seed_of(simulation.seed, &slug);
+                if combination.excluded.is_none() {
+                    choose_platform(file, &slug, simulation, found);
+                }
+            }
+            let provider = file.provider_of(combination.virtualization());
+            let is_simulated = file.catalogue.is_simulated(provider);
+            let mut placement = place(combination, provider, Need::of(&settings).as_ref(), offers);
+            if file.all_simulated {
+                placement.compute_on(offers);
+            }
             // Of two reasons the excluding one counts: it holds whatever the host can do.
             let (reason, fix) = match (&combination.excluded, placement.obstacle) {
                 (Some(reason), _) => (Some(reason.clone()), None),
                 (None, Some(obstacle)) => (Some(obstacle.reason), obstacle.fix),
                 (None, None) if settings.experiment.is_some() && is_simulated => (
                     Some(format!(
-                        "`{virtualization}` makes up the ball on the plate, and no command's numbers"
+                        "`{provider}` computes the ball on the plate, and no command's numbers"
                     )),
-                    Some("take it off the axis `virtualization`".to_owned()),
+                    Some(
+                        "measure it: take `--simulated` away, and the value off the axis `virtualization`"
+                            .to_owned(),
+                    ),
                 ),
                 (None, None) => (None, None),
             };
@@ -326,11 +341,47 @@ fn scenarios(
         .collect()
 }
 
+/// Scenarios draw each for itself: with one seed for all, those with the same settings would have the same numbers.
+fn seed_of(seed: u64, slug: &str) -> u64 {
+    let digest = Sha256::digest(format!("{seed} {slug}"));
+    // So that whoever reads it as a double has the same number.
+    let first = digest.iter().take(6);
+    first.fold(0, |seed, byte| (seed << 8) | u64::from(*byte))
+}
+
+/// Puts a simulated scenario on the platform of its file, if there are files.
+fn choose_platform(
+    file: &MatrixFile,
+    slug: &str,
+    simulation: &mut SimulationSettings,
+    found: &mut Diagnostics,
+) {
+    let Some(platforms) = &file.platforms else { return };
+    match platforms.of(slug) {
+        Some(platform) => simulation.platform = platform.clone(),
+        None => {
+            let span = file.place_of("providers.simulated.platforms");
+            let message = format!(
+                "there is no platform for `{slug}`: {}",
+                platforms.path(slug).display()
+            );
+            let help = "write the file, or `{}` into it for the ideal platform";
+            found.push(Diagnostic::error(&file.source, Code::InvalidValue, span, message).help(help));
+        }
+    }
+}
+
 /// The workload's settings with the combination's sweeps. What does not fit together matters only where it may run.
 fn settings(file: &MatrixFile, combination: &Combination, found: &mut Diagnostics) -> Settings {
     match file.swept(combination.sweeps()) {
-        Ok(swept) => {
+        Ok(mut swept) => {
+            let is_computed = file.provider_of(combination.virtualization()) == SIMULATED;
+            let simulation = swept.settings.simulation.take();
+            swept.settings.simulation = is_computed.then(|| simulation.unwrap_or_default());
             if combination.excluded.is_none() {
+                if !is_computed {
+                    check_not_swept(file, combination, found);
+                }
                 let problems = swept.settings.problems();
                 found.extend(problems.iter().map(|problem| swept.diagnose(file, problem)));
                 check_discarded(file, &swept.settings, found);
@@ -341,6 +392,21 @@ fn settings(file: &MatrixFile, combination: &Combination, found: &mut Diagnostic
             found.extend(wrong);
             file.workload.clone()
         }
+    }
+}
+
+/// What only a computed scenario has would be an axis that makes no difference.
+fn check_not_swept(file: &MatrixFile, combination: &Combination, found: &mut Diagnostics) {
+    let of_simulation = |axis: &&str| axis.starts_with("simulation.");
+    let mut axes = combination.sweeps().map(|(axis, _)| axis);
+    if let Some(axis) = axes.find(of_simulation) {
+        let span = file.place_of_key(&format!("matrix.{axis}"));
+        let virtualization = combination.virtualization();
+        let message = format!(
+            "`{axis}` says nothing of a scenario that is measured, with `virtualization: {virtualization}`"
+        );
+        let help = "write `virtualization: [simulated]`, or exclude the others, or call with `--simulated`";
+        found.push(Diagnostic::error(&file.source, Code::InvalidValue, span, message).help(help));
     }
 }
 

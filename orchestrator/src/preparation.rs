@@ -33,6 +33,10 @@ pub struct PlanRequest<'a> {
     pub order: Order,
     /// The seed of the order.
     pub seed: u64,
+    /// Whether all scenarios are computed and none is measured.
+    pub simulated: bool,
+    /// The folder with the platforms of simulated scenarios, if it is another than the file says.
+    pub platforms: Option<&'a Path>,
 }
 
 impl<'a> PlanRequest<'a> {
@@ -45,6 +49,8 @@ impl<'a> PlanRequest<'a> {
             selection: Selection::default(),
             order: Order::default(),
             seed: 0,
+            simulated: false,
+            platforms: None,
         }
     }
 }
@@ -89,7 +95,7 @@ impl PreparationError {
 /// # Errors
 /// All that is wrong with the file, or with its scenarios. That a host does not answer is none.
 pub async fn prepare(request: &PlanRequest<'_>, catalogue: Catalogue) -> Result<Prepared, PreparationError> {
-    let file = MatrixFile::read(request.file, request.profile, catalogue).map_err(PreparationError::File)?;
+    let file = read(request, catalogue).map_err(PreparationError::File)?;
     let providers = survey::providers(&file);
     let mut facts = survey::identities(&providers).await;
     let matrix = ExpandedMatrix::of(&file, &facts).map_err(PreparationError::Plan)?;
@@ -106,12 +112,23 @@ pub async fn prepare(request: &PlanRequest<'_>, catalogue: Catalogue) -> Result<
     })
 }
 
+fn read(request: &PlanRequest<'_>, catalogue: Catalogue) -> Result<MatrixFile, Diagnostics> {
+    let mut file = MatrixFile::read(request.file, request.profile, catalogue)?;
+    if let Some(folder) = request.platforms {
+        file.read_platforms(folder)?;
+    }
+    Ok(match request.simulated {
+        true => file.simulated(),
+        false => file,
+    })
+}
+
 /// Reads a matrix file and plans with what is known without asking: no host is reached, and nothing is started.
 ///
 /// # Errors
 /// All that is wrong with the file, or with its scenarios.
 pub fn prepare_offline(request: &PlanRequest<'_>, catalogue: Catalogue) -> Result<Plan, PreparationError> {
-    let file = MatrixFile::read(request.file, request.profile, catalogue).map_err(PreparationError::File)?;
+    let file = read(request, catalogue).map_err(PreparationError::File)?;
     let facts = survey::unasked(&file);
     files(request, &file)?;
     plan::plan(&file, &facts, &request.selection, request.order, request.seed).map_err(PreparationError::Plan)

@@ -23,6 +23,7 @@ pub(crate) mod lines;
 pub mod native;
 mod providers;
 mod settings;
+pub mod simulated;
 pub mod vagrant;
 
 use std::{

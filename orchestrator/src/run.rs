@@ -1,5 +1,6 @@
 //! Execution: a plan's scenarios, one after another on a host and the hosts side by side, each journaled before it touches
-//! anything. The main type is [`Run`].
+//! anything. Where all of a host's are only computed, as many as the machine has processors are computed side by side. The main
+//! type is [`Run`].
 //!
 //! ```text
 //! each host:  lease -> for each round, for each of its scenarios: create, follow, collect, discard -> run directory
@@ -20,15 +21,15 @@ pub mod silence;
 pub mod stop;
 pub mod unit;
 
-use std::{collections::BTreeSet, io, ops::RangeInclusive};
+use std::{collections::BTreeSet, io, num::NonZero, ops::RangeInclusive, thread};
 
 use collection::CollectionError;
-use futures_util::future::try_join_all;
+use futures_util::{TryStreamExt as _, future::try_join_all, stream};
 use keep::Keep;
 use record::run_directory::{Event, PlanRecord, RunDirectory};
 use stop::Stop;
 use tokio::{
-    sync::{RwLock, RwLockWriteGuard},
+    sync::{Mutex, RwLock, RwLockWriteGuard},
     task::spawn_blocking,
 };
 use unit::Unit;
@@ -141,7 +142,7 @@ impl Run<'_> {
     /// Does what is left to do of some units, the hosts side by side.
     async fn on_all_hosts(&self, which: impl Fn(Unit<'_>) -> bool) -> Result<(), RunError> {
         let hosts = self.units_by_host(which);
-        let at_work = hosts.iter().map(|(_, units)| self.one_after_another(units));
+        let at_work = hosts.iter().map(|(host, units)| self.on_host(host, units));
         try_join_all(at_work).await.map(drop)
     }
 
@@ -170,38 +171,56 @@ impl Run<'_> {
         hosts
     }
 
-    /// Does what is left to do on a host.
-    async fn one_after_another(&self, units: &[Unit<'_>]) -> Result<(), RunError> {
-        let mut lease = None;
-        for unit in units {
-            if self.is_settled(*unit) {
-                continue;
-            }
-            if self.stop.is_requested() {
-                break;
-            }
-            self.unit(*unit, &mut lease).await?;
+    /// Does what is left to do on a host, round by round.
+    async fn on_host(&self, host: &str, units: &[Unit<'_>]) -> Result<(), RunError> {
+        let lease = Mutex::new(None);
+        let side_by_side = self.side_by_side(host, units);
+        for round in units.chunk_by(|unit, next| unit.round == next.round) {
+            stream::iter(round.iter().copied().map(Ok))
+                .try_for_each_concurrent(side_by_side, async |unit| {
+                    match self.is_settled(unit) || self.stop.is_requested() {
+                        true => Ok(()),
+                        false => self.unit(unit, &lease).await,
+                    }
+                })
+                .await?;
         }
-        if let Some(lease) = lease {
+        if let Some(lease) = lease.into_inner() {
             lease.give_back().await;
         }
         Ok(())
+    }
+
+    /// How many units a host may do at a time. What is measured there must not be disturbed; what is computed cannot be.
+    fn side_by_side(&self, host: &str, units: &[Unit<'_>]) -> usize {
+        let is_here = self.fleet.host(host).is_ok_and(|host| host.is_this_machine());
+        match is_here && units.iter().all(|unit| unit.is_computed()) {
+            true => thread::available_parallelism().map_or(1, NonZero::get),
+            false => 1,
+        }
     }
 
     /// Waits until the host is ours; whether it is, and not rather asked to stop meanwhile.
     async fn has_lease(
         &self,
         unit: Unit<'_>,
-        lease: &mut Option<HostLease>,
+        lease: &Mutex<Option<HostLease>>,
     ) -> Result<bool, scenario::ScenarioError> {
         let name = unit.host();
+        // Who comes meanwhile waits for the same answer.
+        let mut lease = lease.lock().await;
         loop {
             let asked = match lease.as_mut() {
                 Some(asked) => asked,
                 None => {
                     let holder = Holder::this_process(self.directory.path());
-                    // The run directory is locked: nobody else asks with this.
-                    let token = format!("{} on {}", self.directory.path().display(), holder.machine);
+                    // The run directory is locked: nobody else asks with this. Two names of one machine are not to take the lease
+                    // from each other.
+                    let token = format!(
+                        "{} on {} for {name}",
+                        self.directory.path().display(),
+                        holder.machine
+                    );
                     lease.insert(HostLease::ask(self.fleet.host(name)?, &token, &holder))
                 }
             };
@@ -225,8 +244,9 @@ impl Run<'_> {
     }
 
     /// Nothing is collected to this machine while this lives, if it is this machine that measures.
-    async fn quiet(&self, host: &str) -> Result<Option<RwLockWriteGuard<'_, ()>>, ProviderError> {
-        Ok(match self.fleet.host(host)?.is_this_machine() {
+    async fn quiet(&self, unit: Unit<'_>) -> Result<Option<RwLockWriteGuard<'_, ()>>, ProviderError> {
+        let is_here = self.fleet.host(unit.host())?.is_this_machine();
+        Ok(match is_here && !unit.is_computed() {
             true => Some(self.this_machine.write().await),
             false => None,
         })

@@ -5,7 +5,7 @@
 //! ```
 //!
 //! With a WORKLOAD (as root) windows of the SETTINGS (JSON) are measured into the folder DATA first; without one they are
-//! there. STACK_US is what a packet takes through both hosts beside the links, in microseconds (docs/simulation.md). Each
+//! there. STACK_US is what a packet takes through both hosts beside the links, in microseconds (docs/twin.md). Each
 //! real window is compared with simulated ones of the same length. Prints a line of JSON a window.
 
 #![allow(clippy::print_stdout)]

@@ -22,4 +22,5 @@ pub mod sample;
 pub mod scenario;
 pub mod sensitivity;
 pub mod setup;
+pub mod simulated_errors;
 pub mod within;

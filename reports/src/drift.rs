@@ -37,6 +37,8 @@ pub use night::{MissingData, Night};
 pub use render::DriftDocument;
 pub use series::{Cause, Series, series_of};
 
+use crate::explain::Found;
+
 /// What is found where everything is judged.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Drift {
@@ -137,6 +139,8 @@ pub struct Finding {
     pub immaterial: bool,
     /// The run with which it was withdrawn: the night of `since` was alone, and those after it are as those before.
     pub withdrawn: Option<String>,
+    /// What the change of the tracking error comes from; only of what [`Drift::explain`] was asked about.
+    pub explained: Option<Found>,
 }
 
 impl Finding {
@@ -233,6 +237,21 @@ impl Settings {
 }
 
 impl Drift {
+    /// Asks what the tracking error's changes come from that are to be told of: of a scenario, in the last run before and the first since,
+    /// with how many are asked about.
+    pub fn explain(&mut self, mut ask: impl FnMut(&str, [&str; 2], usize) -> Found) {
+        let of_error = |it: &&mut Judgement| it.metric == Metric::TrackingError;
+        let asked = self
+            .news()
+            .filter(|(judgement, _)| judgement.metric == Metric::TrackingError)
+            .count();
+        for judgement in self.judgements.iter_mut().filter(of_error) {
+            for finding in judgement.findings.iter_mut().filter(|it| it.is_news()) {
+                finding.explained = Some(ask(&judgement.scenario, [&finding.before, &finding.since], asked));
+            }
+        }
+    }
+
     /// Where the newest night is not the one that was asked for, such as tonight's: what nights before it say is no pass.
     #[must_use]
     pub fn without_the_night(mut self, reason: &str) -> Self {

@@ -1,6 +1,7 @@
 //! What is read: a run directory as a [`run::Run`], its captures as a
 //! [`Traffic`](captures::traffic::Traffic).
 
+pub mod loop_logs;
 pub mod overheads;
 pub mod run;
 pub mod traffic;

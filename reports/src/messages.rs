@@ -164,7 +164,7 @@ pub fn write_messages(directory: &RunDirectory, wanted: &[String]) -> Result<Mes
         ..
     } = RunRecords::read(directory)?;
     for asked in wanted {
-        if !plan.scenarios.iter().any(|planned| is_called(planned, asked)) {
+        if !plan.scenarios.iter().any(|planned| planned.is_called(asked)) {
             return Err(MessagesError::NoSuchScenario {
                 asked: asked.clone(),
                 known: plan.scenarios.iter().map(|planned| planned.id.clone()).collect(),
@@ -172,7 +172,7 @@ pub fn write_messages(directory: &RunDirectory, wanted: &[String]) -> Result<Mes
         }
     }
     let is_wanted =
-        |planned: &&PlannedScenario| wanted.is_empty() || wanted.iter().any(|name| is_called(planned, name));
+        |planned: &&PlannedScenario| wanted.is_empty() || wanted.iter().any(|name| planned.is_called(name));
     let mut scenarios = Vec::new();
     for planned in plan.scenarios.iter().filter(is_wanted) {
         let windows = captured_windows(directory, planned, &state.scenario(&planned.slug))?;
@@ -189,10 +189,6 @@ pub fn write_messages(directory: &RunDirectory, wanted: &[String]) -> Result<Mes
         run: manifest.run,
         scenarios,
     })
-}
-
-fn is_called(planned: &PlannedScenario, name: &str) -> bool {
-    planned.id == name || planned.slug == name
 }
 
 /// The windows that are whole and have captures, whatever they are worth.
@@ -225,13 +221,32 @@ fn write_scenario(
 ) -> Result<ScenarioMessages, MessagesError> {
     let numbers = windows.iter().map(|window| window.record.window).collect();
     let mut table = MessageTable::create(&directory.report().join("messages"), &planned.slug)?;
+    let topics = read_messages(planned, windows, &mut |row| Ok(table.push(row)?))?;
+    Ok(ScenarioMessages {
+        id: planned.id.clone(),
+        slug: planned.slug.clone(),
+        windows: numbers,
+        topics,
+        files: table.finish()?,
+    })
+}
+
+/// Where the rows go.
+type Sink<'a> = dyn FnMut(MessageRow) -> Result<(), MessagesError> + 'a;
+
+/// Joins captures and logs, and hands on a row for each message.
+fn read_messages(
+    planned: &PlannedScenario,
+    windows: Vec<CapturedWindow>,
+    sink: &mut Sink<'_>,
+) -> Result<[TopicMessages; 2], MessagesError> {
     let mut topics = Topic::ALL.map(TopicMessages::none);
     let messages = planned.settings.ros.messages;
     for stretch in Stretch::cut(windows) {
         let mut joining = Joining {
             stretch: &stretch,
             cursors: Topic::ALL.map(|topic| Cursor::new(topic, messages, &stretch)),
-            table: &mut table,
+            sink: &mut *sink,
             topics: &mut topics,
         };
         joining.begin()?;
@@ -240,13 +255,49 @@ fn write_scenario(
         })?;
         joining.finish()?;
     }
-    Ok(ScenarioMessages {
-        id: planned.id.clone(),
-        slug: planned.slug.clone(),
-        windows: numbers,
-        topics,
-        files: table.finish()?,
-    })
+    Ok(topics)
+}
+
+/// What a scenario's states took on their way.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct StateWay {
+    /// From the plant's wire to the controller's, of its first packet that arrived.
+    pub one_way_ns: i64,
+    /// From when all of it had arrived to when the controller had read it; of states that a control step used.
+    pub reading_ns: Option<i64>,
+    /// Whether it was sent once, and nothing before it was missing when it arrived.
+    pub is_undisturbed: bool,
+}
+
+/// Hands on what each state took on its way that arrived, in those wanted windows of a scenario that have captures.
+///
+/// # Errors
+/// When a log or a capture cannot be read.
+pub fn state_ways(
+    directory: &RunDirectory,
+    planned: &PlannedScenario,
+    known: &ScenarioState,
+    is_wanted: impl Fn(u32) -> bool,
+    mut take: impl FnMut(StateWay),
+) -> Result<(), MessagesError> {
+    let mut windows = captured_windows(directory, planned, known)?;
+    windows.retain(|window| is_wanted(window.record.window));
+    let mut sink = |row: MessageRow| {
+        if row.ports.topic == Topic::State
+            && let Some(one_way_ns) = row.one_way_ns
+        {
+            take(StateWay {
+                one_way_ns,
+                reading_ns: row
+                    .received_ns
+                    .zip(row.in_order_ns)
+                    .map(|(read, there)| read.saturating_sub(there)),
+                is_undisturbed: row.retransmissions == 0 && row.in_order_ns == row.wire_in_ns,
+            });
+        }
+        Ok(())
+    };
+    read_messages(planned, windows, &mut sink).map(drop)
 }
 
 fn read_packets(
@@ -269,10 +320,10 @@ fn read_packets(
 }
 
 /// Deliveries and the log become rows.
-struct Joining<'a> {
+struct Joining<'a, 's> {
     stretch: &'a Stretch,
     cursors: [Cursor; 2],
-    table: &'a mut MessageTable,
+    sink: &'a mut Sink<'s>,
     topics: &'a mut [TopicMessages; 2],
 }
 
@@ -297,7 +348,7 @@ impl Cursor {
     }
 }
 
-impl Joining<'_> {
+impl Joining<'_, '_> {
     fn begin(&mut self) -> Result<(), ReadError> {
         self.cursors.iter_mut().try_for_each(Cursor::advance)
     }
@@ -338,8 +389,7 @@ impl Joining<'_> {
             logged: logged.is_some(),
         };
         topic.add(&row);
-        self.table.push(row)?;
-        Ok(())
+        (self.sink)(row)
     }
 
     fn finish(mut self) -> Result<(), ReadError> {

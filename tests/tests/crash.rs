@@ -51,7 +51,7 @@ fn a_run_killed_after_any_line_is_whole_after_resume(#[case] first: usize) {
         }
         let directory = workplace.run_directory();
         let directory = directory.to_str().unwrap();
-        let resumed = workplace.run(&["resume", directory]);
+        let resumed = workplace.run(&["resume", directory, "--json"]);
         if !workplace.run_directory().join("manifest.json").exists() {
             // Killed while the run directory was made: nothing was created, and the user is told to start again.
             assert_eq!(resumed.code, Some(2), "{resumed:?}");
@@ -63,7 +63,7 @@ fn a_run_killed_after_any_line_is_whole_after_resume(#[case] first: usize) {
             Some(0),
             "killed after {killed_after} lines: {resumed:?}"
         );
-        let report = workplace.json(&["report", directory]);
+        let report: Value = serde_json::from_str(&resumed.out).unwrap();
         for scenario in report["within"].as_array().unwrap() {
             assert_eq!(
                 scenario["pairs"], 6,

@@ -30,6 +30,7 @@ mod open_window;
 mod recorder;
 mod rehearsal;
 mod schedule;
+mod simulated;
 
 use std::{
     sync::{
@@ -53,7 +54,7 @@ use self::{
     open_window::WindowShape,
     recorder::{Recorder, Sources},
 };
-pub use self::{node_messages::Program, node_program::serve, rehearsal::rehearse};
+pub use self::{node_messages::Program, node_program::serve, rehearsal::rehearse, simulated::Simulated};
 use crate::{
     capabilities::drop_unneeded,
     experiment::{Ending, Experiment, ExperimentError, PlatformWatch, Reporter, Request},

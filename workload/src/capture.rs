@@ -13,7 +13,7 @@ mod packet_source;
 mod sources;
 mod stamping;
 mod tcpdump;
-mod window_file;
+pub(crate) mod window_file;
 mod window_sequence;
 
 use std::{

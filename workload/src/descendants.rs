@@ -45,7 +45,18 @@ impl Descendants {
         })
     }
 
-    /// Ends each of them, and waits for them. How many there were.
+    /// Waits for those that have ended and whose parents have, too, but for some that somebody else waits for. Otherwise a command that
+    /// starts and leaves many fills the table of processes.
+    pub fn reap(&self, but_for: impl IntoIterator<Item = Pid>) {
+        let but_for: BTreeSet<Pid> = but_for.into_iter().collect();
+        for pid in adopted() {
+            if !self.earlier.contains(&pid) && !but_for.contains(&pid) {
+                let _ = waitpid(pid, Some(WaitPidFlag::WNOHANG));
+            }
+        }
+    }
+
+    /// Ends each of them, and waits for them. How many there were, those that have ended and nobody has waited for among them.
     ///
     /// # Errors
     /// When some do not end.
@@ -101,6 +112,14 @@ fn descendants(of: Pid, but_for: &BTreeSet<Pid>) -> BTreeSet<Pid> {
         }
     }
     found
+}
+
+/// The children of this process's first thread, among which those are that have lost their parents; a short file, unlike all of `/proc`.
+fn adopted() -> Vec<Pid> {
+    let pid = getpid();
+    let children = fs::read_to_string(format!("/proc/{pid}/task/{pid}/children")).unwrap_or_default();
+    let pids = children.split_whitespace().filter_map(|pid| pid.parse().ok());
+    pids.map(Pid::from_raw).collect()
 }
 
 /// All processes with their parents.

@@ -2,13 +2,18 @@
 
 use record::settings::Settings;
 
-use crate::{ball_on_plate::BallOnPlate, command::Command, experiment::Experiment};
+use crate::{
+    ball_on_plate::{BallOnPlate, Simulated},
+    command::Command,
+    experiment::Experiment,
+};
 
 /// The one that settings ask for.
 #[must_use]
 pub fn of(settings: &Settings) -> &'static dyn Experiment {
-    match settings.experiment {
-        None => &BallOnPlate,
-        Some(_) => &Command,
+    match (&settings.experiment, &settings.simulation) {
+        (None, None) => &BallOnPlate,
+        (None, Some(_)) => &Simulated,
+        (Some(_), _) => &Command,
     }
 }

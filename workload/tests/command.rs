@@ -243,6 +243,25 @@ fn processes_that_start_others_without_end_leave_nothing() {
 }
 
 #[test]
+fn what_a_command_left_behind_and_has_ended_is_waited_for_while_the_command_goes_on() {
+    // `ended` counts the children of the workload that have ended and nobody has waited for.
+    let place = Place::new(
+        "ended() { cat /proc/$PPID/task/$PPID/children | tr ' ' '\n' | \
+           while read pid; do grep -s '^State:.Z' /proc/$pid/status; done | wc -l; }
+         for i in 1 2 3 4 5; do (sh -c : &); done
+         looks=0; most=0
+         while now=$(ended); [ $now -gt $most ] && most=$now; [ $most -lt 1 -o $now -gt 0 ] && [ $looks -lt 100 ]; do
+           looks=$((looks + 1)); sleep 0.1; done
+         printf 'x\n%s\n' $now >$1/m.csv; printf $most >most",
+    );
+    let record = place.only();
+    assert_eq!(record.verdict, Verdict::Valid);
+    assert_eq!(command(&record).left_behind, 0);
+    assert_eq!(place.text("data/window-1/m.csv"), "x\n0\n");
+    assert_ne!(place.text("work/files/most"), "0", "the command saw some");
+}
+
+#[test]
 fn what_was_there_before_the_command_stays() {
     let place = Place::new("printf 'x\\n1\\n' >$1/m.csv");
     let mut daemon = Command::new("sleep").arg("1000").spawn().unwrap();

@@ -4,9 +4,10 @@ use clap::{Parser, Subcommand};
 
 use crate::cli::command::{
     calibrate::CalibrateArguments, check::CheckArguments, clean::CleanArguments,
-    completions::CompletionsArguments, doctor::DoctorArguments, drift::DriftArguments, ks::KsArguments,
-    man::ManArguments, messages::MessagesArguments, options::OutputArguments, plan::PlanArguments,
-    redact::RedactArguments, report::ReportArguments, resume::ResumeArguments, run::RunArguments,
+    completions::CompletionsArguments, doctor::DoctorArguments, drift::DriftArguments,
+    explain::ExplainArguments, fit::FitArguments, ks::KsArguments, man::ManArguments,
+    messages::MessagesArguments, options::OutputArguments, plan::PlanArguments, redact::RedactArguments,
+    replay::ReplayArguments, report::ReportArguments, resume::ResumeArguments, run::RunArguments,
     schema::SchemaArguments, shell::ShellArguments, status::StatusArguments,
 };
 
@@ -50,6 +51,12 @@ pub enum Command {
     Redact(RedactArguments),
     /// Make a row for every message from the captures: sent, on the wire, arrived, received, retransmitted.
     Messages(MessagesArguments),
+    /// Say how much of the difference of two scenarios' errors comes from late ticks, stalls, delays and losses.
+    Explain(ExplainArguments),
+    /// Write what the platforms of a run did to the experiment into files that simulated scenarios can be put on.
+    Fit(FitArguments),
+    /// Put the times recorded in a run through the loop, and say whether they give its errors again.
+    Replay(ReplayArguments),
     /// Say how often each method finds a difference where there is none, for data like that of a run.
     #[command(alias = "selftest")]
     Calibrate(CalibrateArguments),
@@ -84,12 +91,14 @@ impl Command {
             Self::Report(arguments) => arguments.output,
             Self::Redact(arguments) => arguments.output,
             Self::Messages(arguments) => arguments.output,
+            Self::Explain(arguments) => arguments.output,
+            Self::Replay(arguments) => arguments.output,
             Self::Calibrate(arguments) => arguments.output,
             Self::Drift(arguments) => arguments.output,
             Self::Ks(arguments) => arguments.output,
             Self::Clean(arguments) => arguments.output,
             Self::Doctor(arguments) => arguments.output,
-            Self::Schema(_) | Self::Completions(_) | Self::Man(_) | Self::Shell(_) => {
+            Self::Fit(_) | Self::Schema(_) | Self::Completions(_) | Self::Man(_) | Self::Shell(_) => {
                 OutputArguments::default()
             }
         };

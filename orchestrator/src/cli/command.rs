@@ -6,12 +6,15 @@ pub mod clean;
 pub mod completions;
 pub mod doctor;
 pub mod drift;
+pub mod explain;
+pub mod fit;
 pub mod ks;
 pub mod man;
 pub mod messages;
 pub mod options;
 pub mod plan;
 pub mod redact;
+pub mod replay;
 pub mod report;
 pub mod resume;
 pub mod run;
@@ -39,6 +42,9 @@ pub async fn execute(command: &Command, catalogue: Catalogue) -> Result<Exit, Co
         Command::Report(arguments) => report::execute(arguments),
         Command::Redact(arguments) => redact::execute(arguments),
         Command::Messages(arguments) => messages::execute(arguments),
+        Command::Explain(arguments) => explain::execute(arguments),
+        Command::Fit(arguments) => fit::execute(arguments),
+        Command::Replay(arguments) => replay::execute(arguments),
         Command::Calibrate(arguments) => calibrate::execute(arguments),
         Command::Drift(arguments) => drift::execute(arguments),
         Command::Ks(arguments) => ks::execute(arguments),

@@ -117,8 +117,10 @@ fn collect(root: &Value, schema: &Value, prefix: &str, paths: &mut Vec<String>) 
         .into_iter()
         .flatten()
     {
+        // A section that may be left out altogether is this or nothing.
         let target = property
             .get("$ref")
+            .or_else(|| property.pointer("/anyOf/0/$ref"))
             .and_then(Value::as_str)
             .and_then(|reference| root.pointer(reference.strip_prefix('#')?))
             .unwrap_or(property);

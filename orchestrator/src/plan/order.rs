@@ -55,7 +55,7 @@ impl Order {
                 let mut placed: Vec<(usize, String)> = Vec::new();
                 for (place, letter) in shuffled.into_iter().enumerate() {
                     let scenario = scenarios.iter().find(|it| it.id == letter);
-                    let block = scenario.map(|it| (it.host.clone(), it.axis("virtualization")));
+                    let block = scenario.map(|it| (it.host.clone(), it.provider()));
                     placed.push((*blocks.entry(block).or_insert(place), letter));
                 }
                 // A stable sort keeps the order within a block.

@@ -249,10 +249,14 @@ pub fn fitting<'a>(
 /// The first host that offers a combination's hardware and OS and can make an environment that meets its need, or, after
 /// all those, may be able to when it is back; if none can, the first that offers them, with what stands in the way.
 #[must_use]
-pub fn place(combination: &Combination, need: Option<&Need>, offers: &[HostCapabilities]) -> Placement {
-    let virtualization = combination.virtualization();
+pub fn place(
+    combination: &Combination,
+    provider: &str,
+    need: Option<&Need>,
+    offers: &[HostCapabilities],
+) -> Placement {
     let mut fitting: Vec<_> = fitting(combination, offers)
-        .map(|offer| (offer.obstacle(virtualization, need), offer))
+        .map(|offer| (offer.obstacle(provider, need), offer))
         .collect();
     // A stable sort: among equals the file's order decides.
     fitting.sort_by_key(|(obstacle, offer)| (obstacle.is_some(), offer.silence().is_some()));
@@ -267,6 +271,15 @@ pub fn place(combination: &Combination, need: Option<&Need>, offers: &[HostCapab
             pool: Vec::new(),
             obstacle: Some(no_host(combination, offers)),
         },
+    }
+}
+
+impl Placement {
+    /// All hosts are this machine, and one is enough: it computes one scenario after the other, also where none offers what the
+    /// scenario is to be measured on.
+    pub fn compute_on(&mut self, offers: &[HostCapabilities]) {
+        self.host = offers.first().map(|offer| offer.host.clone());
+        self.pool.clear();
     }
 }
 

@@ -6,6 +6,7 @@
 
 use std::{collections::BTreeSet, sync::Arc};
 
+use record::axis::SIMULATED;
 use serde_json::{Map, Value};
 
 use super::{
@@ -15,6 +16,7 @@ use super::{
     fake::Fake,
     native::Native,
     settings::ProviderSettings,
+    simulated::Simulated,
     vagrant::{
         Vagrant, VagrantSettings,
         kind::{Requirement, VagrantKind},
@@ -111,6 +113,12 @@ static BUILT_IN: &[ProviderKind] = &[
             )))
         })
     },
+    ProviderKind {
+        simulated: true,
+        ..ProviderKind::new(SIMULATED, |making| {
+            Ok(Box::new(Simulated::new(Arc::clone(making.host))))
+        })
+    },
 ];
 
 /// What makes a provider for a host.
@@ -155,7 +163,7 @@ pub struct ProviderKind {
     pub make: Make,
     /// Where leftovers of it can be.
     pub hosts: Hosts,
-    /// Whether its numbers are made up: reports then begin with that.
+    /// Whether its numbers are computed and not measured: reports then begin with that.
     pub simulated: bool,
     /// The rights that its settings ask for, which `matrix plan` lists.
     pub rights: fn(&ProviderSettings) -> Vec<AskedRight>,

@@ -16,7 +16,6 @@ use super::{
 use crate::host::{Host, Program};
 
 const NAME: &str = "native";
-const PROCESS: &str = "process";
 /// What a killed workload may leave beside its folder: a bridge of Open vSwitch, which is the machine's.
 const BRIDGE: &str = "bridge";
 
@@ -56,9 +55,7 @@ impl Provider for Native {
     }
 
     fn resources(&self, request: &EnvironmentRequest) -> Vec<Resource> {
-        [DIRECTORY, PROCESS]
-            .map(|kind| self.processes.resource(kind, &request.environment))
-            .into()
+        self.processes.resources(&request.environment)
     }
 
     async fn create(&self, request: &EnvironmentRequest) -> Result<Box<dyn Environment>, ProviderError> {

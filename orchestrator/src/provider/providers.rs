@@ -6,7 +6,7 @@ use std::{
     sync::{Arc, Mutex, PoisonError},
 };
 
-use record::{axis::NATIVE, run_directory::PlannedScenario};
+use record::run_directory::PlannedScenario;
 
 use super::{Catalogue, Fleet, Provider, ProviderError, ProviderSettings};
 use crate::host::Host;
@@ -80,8 +80,7 @@ impl Fleet for Providers {
     }
 
     fn provider(&self, planned: &PlannedScenario, host: &str) -> Result<Arc<dyn Provider>, ProviderError> {
-        let virtualization = planned.axis("virtualization");
-        self.of(virtualization.as_deref().unwrap_or(NATIVE), host)
+        self.of(&planned.provider(), host)
     }
 }
 

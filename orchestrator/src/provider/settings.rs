@@ -8,7 +8,9 @@ use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 use serde_json::{Map, Value};
 
-use super::{docker::DockerSettings, fake::FakeSettings, vagrant::VagrantSettings};
+use super::{
+    docker::DockerSettings, fake::FakeSettings, simulated::SimulatedSettings, vagrant::VagrantSettings,
+};
 
 /// Settings that belong to one provider alone, each under the provider's name.
 #[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize, JsonSchema)]
@@ -30,6 +32,9 @@ pub struct ProviderSettings {
     pub qemu: VagrantSettings,
     /// Of `virtualization: fake`.
     pub fake: FakeSettings,
+    /// Of `virtualization: simulated`.
+    #[serde(skip_serializing_if = "SimulatedSettings::is_empty")]
+    pub simulated: SimulatedSettings,
     /// Of providers from outside this crate, by their names and as the file has them: only they can read them.
     #[serde(skip)]
     #[schemars(skip)]

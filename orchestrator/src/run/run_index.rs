@@ -37,7 +37,7 @@ impl Entry {
     /// Of a run; none if all of it is on this machine.
     #[must_use]
     pub fn of(manifest: &Manifest, plan: &PlanRecord, run_directory: &Path) -> Option<Self> {
-        let providers = plan.scenarios.iter().filter_map(|it| it.axis("virtualization"));
+        let providers = plan.scenarios.iter().map(|it| it.provider());
         let elsewhere = |host: &&HostRecord| !host.connect.is_this_machine();
         let hosts: Vec<_> = manifest.hosts.iter().filter(elsewhere).cloned().collect();
         (!hosts.is_empty()).then(|| Self {

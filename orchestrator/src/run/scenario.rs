@@ -8,7 +8,7 @@
 use std::{collections::BTreeSet, io, ops::RangeInclusive, path::PathBuf, sync::Arc, time::Duration};
 
 use record::{
-    axis::{HARDWARE, OS},
+    axis::{HARDWARE, OS, SIMULATED},
     causes::with_causes,
     detached::UNFINISHED,
     layout,
@@ -19,7 +19,7 @@ use record::{
 use serde::de::DeserializeOwned;
 use sha2::{Digest as _, Sha256};
 use tokio::{
-    sync::RwLockWriteGuard,
+    sync::{Mutex, RwLockWriteGuard},
     task::spawn_blocking,
     time::{Instant, sleep_until, timeout},
 };
@@ -194,7 +194,11 @@ impl Run<'_> {
     ///
     /// # Errors
     /// Only when the journal cannot be written; everything else is an outcome.
-    pub(super) async fn unit(&self, unit: Unit<'_>, lease: &mut Option<HostLease>) -> Result<(), RunError> {
+    pub(super) async fn unit(
+        &self,
+        unit: Unit<'_>,
+        lease: &Mutex<Option<HostLease>>,
+    ) -> Result<(), RunError> {
         let experiment = unit.planned.settings.experiment.as_ref();
         let retries = experiment.map_or(0, |experiment| experiment.retries);
         for _ in 0..=retries {
@@ -208,7 +212,7 @@ impl Run<'_> {
         Ok(())
     }
 
-    async fn once(&self, unit: Unit<'_>, lease: &mut Option<HostLease>) -> Result<Outcome, RunError> {
+    async fn once(&self, unit: Unit<'_>, lease: &Mutex<Option<HostLease>>) -> Result<Outcome, RunError> {
         let Unit { planned, round } = unit;
         let wanted = self.wanted(unit);
         self.events.emit(Event::ScenarioStarted {
@@ -261,7 +265,7 @@ impl Run<'_> {
     async fn leased_attempts(
         &self,
         unit: Unit<'_>,
-        lease: &mut Option<HostLease>,
+        lease: &Mutex<Option<HostLease>>,
     ) -> Result<Ending, ScenarioError> {
         match self.has_lease(unit, lease).await? {
             true => self.attempts(unit).await,
@@ -279,7 +283,7 @@ impl Run<'_> {
             let request = self.request(unit, open.environment, open.windows);
             if open.discarding {
                 self.remove_remains(provider.as_ref(), &request).await?;
-            } else if let Some(ending) = self.take_up(provider.as_ref(), &request).await? {
+            } else if let Some(ending) = self.take_up(provider.as_ref(), &request, unit).await? {
                 if ending.outcome == Outcome::Failed || self.stop.is_requested() {
                     return Ok(ending);
                 }
@@ -310,7 +314,7 @@ impl Run<'_> {
             resources: provider.resources(&request),
             round: planned.round(round),
         })?;
-        let quiet = self.quiet(&request.host).await?;
+        let quiet = self.quiet(unit).await?;
         match provider.create(&request).await {
             Ok(environment) => {
                 self.events.emit(Event::EnvironmentCreated {
@@ -350,7 +354,9 @@ impl Run<'_> {
         let beside = |other: &&PlannedScenario| other.runs() && other.hosts().any(|it| it == host);
         for other in self.plan.scenarios.iter().filter(beside) {
             let provider = self.fleet.provider(other, host)?;
-            if asked.contains(&provider.name()) {
+            // What is computed does not disturb what is computed.
+            let is_harmless = unit.is_computed() && provider.name() == SIMULATED;
+            if is_harmless || asked.contains(&provider.name()) {
                 continue;
             }
             asked.push(provider.name());
@@ -431,8 +437,9 @@ impl Run<'_> {
         &self,
         provider: &dyn Provider,
         request: &EnvironmentRequest,
+        unit: Unit<'_>,
     ) -> Result<Option<Ending>, ScenarioError> {
-        let quiet = self.quiet(&request.host).await?;
+        let quiet = self.quiet(unit).await?;
         let Some(environment) = provider.find(request).await? else {
             self.remove_remains(provider, request).await?;
             return Ok(None);

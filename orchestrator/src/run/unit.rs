@@ -33,6 +33,12 @@ impl<'a> Unit<'a> {
         self.planned.host_in(self.round)
     }
 
+    /// Whether it is computed in virtual time, so that nothing on the host can disturb it.
+    #[must_use]
+    pub const fn is_computed(&self) -> bool {
+        self.planned.settings.simulation.is_some()
+    }
+
     /// The numbers of its windows.
     #[must_use]
     pub const fn windows(&self) -> RangeInclusive<u32> {

@@ -126,7 +126,7 @@ fn common<'a>(a: &Files<'a>, b: &Files<'a>) -> Vec<(u32, &'a FileContent, &'a Fi
     both.collect()
 }
 
-fn files<'a>(scenario: &'a ScenarioRun, metric: &str) -> Files<'a> {
+pub(crate) fn files<'a>(scenario: &'a ScenarioRun, metric: &str) -> Files<'a> {
     let of_window = scenario
         .counted()
         .filter_map(|(window, _, data)| match data.metric(metric) {

@@ -123,6 +123,15 @@ impl Verdict {
         }
     }
 
+    /// Whether the two are told apart, by whatever it is.
+    #[must_use]
+    pub const fn is_difference(self) -> bool {
+        match self {
+            Self::CannotTell | Self::NotToldApart | Self::Immaterial => false,
+            Self::Differ | Self::DifferMaterially | Self::DifferByUnknown | Self::DifferLevelOpen => true,
+        }
+    }
+
     /// Its name in reports.
     #[must_use]
     pub const fn name(self) -> &'static str {

@@ -21,7 +21,9 @@ use crate::{
         scenario::{ScenarioReport, scenario_report},
         setup::SetupDifference,
     },
+    explain::ExplainedPair,
     input::run::{Run, RunPart},
+    replay::ScenarioReplay,
 };
 
 /// What a run showed.
@@ -65,6 +67,11 @@ pub struct Report {
     pub traffic_tallies: Vec<TrafficTally>,
     /// What of the packets goes with the differences in error.
     pub explanations: Vec<Explanation>,
+    /// Why pairs differ, of those that were explained: [`explain_pairs`](crate::explain::explain_pairs) simulates them, which takes
+    /// its time.
+    pub causes: Vec<ExplainedPair>,
+    /// The windows put through the loop again, if they were: [`replay`](crate::replay::replay) reads all logs.
+    pub replays: Vec<ScenarioReplay>,
     /// The `report:` section of the matrix file that was run; [`Self::settings`] may be others.
     pub declared: ReportSettings,
     /// What reading the run directories found, a sentence each.
@@ -127,6 +134,8 @@ fn of_a_metric(run: &Run, quantity: Quantity, traffic: Traffic, settings: &Repor
         others: Vec::new(),
         traffic_tallies: or_fault(packet_counts::compared(&traffic, &samples, settings), &mut faults),
         explanations: packet_explanations::explanations(&contrasts.pairs, &samples, &traffic, settings),
+        causes: Vec::new(),
+        replays: Vec::new(),
         traffic,
         conclusions: conclusions(&scenarios, &samples, &setup_differences, settings.seed),
         setup_differences,
@@ -181,6 +190,14 @@ impl Report {
         self.tallies.find(a, b)
     }
 
+    /// The letters of the pairs of the family that differ.
+    #[must_use]
+    pub fn differing_pairs(&self) -> Vec<[String; 2]> {
+        let pairs = self.contrasts.pairs.iter();
+        let differing = pairs.filter(|pair| pair.verdict.is_difference());
+        differing.map(|pair| [pair.a.clone(), pair.b.clone()]).collect()
+    }
+
     /// The baseline scenarios.
     pub fn baseline(&self) -> impl Iterator<Item = &ScenarioReport> {
         self.scenarios.iter().filter(|scenario| scenario.is_baseline)
@@ -207,7 +224,7 @@ impl Report {
             .unwrap_or_default()
     }
 
-    /// Whether some of the numbers were made up by the `fake` provider.
+    /// Whether some of the numbers were computed and not measured.
     #[must_use]
     pub fn is_simulated(&self) -> bool {
         self.scenarios.iter().any(|scenario| scenario.is_simulated)

@@ -33,7 +33,7 @@ pub struct ScenarioReport {
     pub experiment: MeasuredExperiment,
     /// Whether it belongs to the baseline.
     pub is_baseline: bool,
-    /// Whether its numbers were made up by the `fake` provider.
+    /// Whether its numbers were computed and not measured.
     pub is_simulated: bool,
     /// How it ended.
     pub standing: Standing,

@@ -11,11 +11,15 @@
 use std::time::Duration;
 
 use rayon::prelude::*;
-use record::{report_settings::ReportSettings, run_directory::PeriodError, settings::Settings};
-use simulation::closed_loop::{Platform, Simulation, Stalls};
+use record::{
+    platform_model::Quantiles,
+    report_settings::{ErrorOf, ReportSettings},
+    settings::Settings,
+};
+use simulation::closed_loop::Platform;
 use statistics::ks::Procedure;
 
-use crate::analysis::calibration::Rate;
+use crate::analysis::{calibration::Rate, simulated_errors::period_errors_m};
 
 /// The share of pairs that are to be told apart.
 pub const POWER: f64 = 0.9;
@@ -64,10 +68,9 @@ impl Disturbance {
             Self::Delay => platform.network.impairment.delay_ns += (size * 1e6 / 2.0) as u64,
             Self::Loss => platform.network.impairment.loss += size / 100.0,
             Self::Stalls(length) => {
-                platform.stalls = Stalls {
-                    share: size / 100.0,
-                    length,
-                };
+                let late = Quantiles::sometimes(size / 100.0, length.into());
+                platform.controller.late = late.clone();
+                platform.plant.late = late;
             }
         }
     }
@@ -214,25 +217,8 @@ impl Design<'_> {
 
     /// The errors of a window's periods, in metres, after those that the report leaves out.
     fn window(&self, platform: &Platform, seed: u64) -> Vec<f64> {
-        let per_period = self.settings.steps_per_period().max(1);
-        let left_out = u64::from(self.report.discard_periods) * per_period;
-        let end = left_out + self.settings.steps_per_window();
-        let rows = Simulation::new(self.settings, platform, seed).map(|step| step.row);
-        let errors: Vec<(u64, [f64; 2])> = rows
-            .take_while(|row| row.step < end)
-            .filter(|row| row.step >= left_out)
-            .map(|row| {
-                let error = [row.reference_x_m - row.x_m, row.reference_y_m - row.y_m];
-                (row.step / per_period, error)
-            })
-            .collect();
-        errors
-            .chunk_by(|(a, _), (b, _)| a == b)
-            .map(|period| {
-                let error = PeriodError::mean(period.iter().map(|(_, error)| *error));
-                self.report.metric.of(&error)
-            })
-            .collect()
+        let drawn = (self.settings.steps_per_window(), seed);
+        period_errors_m(self.settings, self.report, ErrorOf::Received, platform, drawn)
     }
 
     /// Whether the report's test does. A loop that has left all numbers behind is unlike any.

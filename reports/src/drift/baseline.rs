@@ -170,6 +170,7 @@ fn judgement(
                 .cloned(),
             immaterial: settings.is_immaterial(&series.metric, tonight.level - level_before),
             withdrawn: None,
+            explained: None,
         });
     }
     let verdict = match (findings.iter().any(Finding::is_news), comparison.detectable) {

@@ -38,30 +38,40 @@ pub(super) fn of_history(nights: &[Night], settings: &Settings) -> Vec<Judgement
 pub(super) fn of_baseline(nights: &[Night], settings: &Settings) -> Vec<Judgement> {
     let look = |points: &[Point<'_>], scenario: &str, metric: &Metric| {
         let Some((tonight, before)) = points.split_last() else {
-            return Vec::new();
+            return Followed::default();
         };
         let Some(last) = before.last().filter(|_| tonight.night + 1 == nights.len()) else {
-            return Vec::new();
+            return Followed::default();
         };
         let had = |window: u32, sha256: &String| {
             let mut all = before.iter().filter_map(|point| point.windows.get(&window));
             all.clone().next().map(|_| all.any(|known| known == sha256))
         };
-        let change = ContentChange::of(tonight.windows, had);
+        let compared = Compared::of(tonight.windows, had);
         let known = settings
             .acknowledgements
             .of_run(nights, scenario, metric, tonight.run);
-        let found = change.map(|change| finding(Kind::FromBaseline, last, tonight, change, known));
-        found.into_iter().collect()
+        let found = compared
+            .change()
+            .map(|change| finding(Kind::FromBaseline, last, tonight, change, known));
+        Followed {
+            findings: found.into_iter().collect(),
+            is_newest_compared: !compared.0.is_empty(),
+        }
     };
     judgements(nights, look)
 }
 
-/// `look` finds the changes of one scenario and metric.
-fn judgements(
-    nights: &[Night],
-    look: impl Fn(&[Point<'_>], &str, &Metric) -> Vec<Finding>,
-) -> Vec<Judgement> {
+/// What one scenario and metric came to.
+#[derive(Default)]
+struct Followed {
+    findings: Vec<Finding>,
+    /// Whether the newest of its nights has a window that was there before.
+    is_newest_compared: bool,
+}
+
+/// `look` follows one scenario and metric.
+fn judgements(nights: &[Night], look: impl Fn(&[Point<'_>], &str, &Metric) -> Followed) -> Vec<Judgement> {
     let Some(newest) = nights.last() else {
         return Vec::new();
     };
@@ -70,19 +80,22 @@ fn judgements(
         for name in tonight.contents.keys() {
             let metric = Metric::Content { name: name.clone() };
             let points: Vec<Point<'_>> = points(nights, scenario, name).collect();
-            let lacks = lacks(
-                tonight,
-                tonight.contents.get(name).is_some_and(|it| !it.is_empty()),
-            );
+            let lacks = lacks(tonight, tonight.has(&metric));
             if points.is_empty() && never_asked(lacks.as_ref()) {
                 continue;
             }
-            let findings = look(&points, scenario, &metric);
+            let Followed {
+                findings,
+                is_newest_compared,
+            } = look(&points, scenario, &metric);
             let verdict = match (findings.iter().any(Finding::is_news), lacks) {
                 (true, _) => Verdict::Drift,
                 (false, Some(lacks)) => lacks.into(),
                 (false, None) if points.len() < 2 => Verdict::TooLittle {
                     reason: "no earlier run has it".to_owned(),
+                },
+                (false, None) if !is_newest_compared => Verdict::TooLittle {
+                    reason: "the newest run has no window of a number that an earlier one has".to_owned(),
                 },
                 (false, None) => Verdict::NoDrift { detectable: None },
             };
@@ -117,30 +130,33 @@ fn points<'a>(
     })
 }
 
-fn changes<'k>(points: &[Point<'_>], known: impl Fn(&str) -> Option<&'k Acknowledgement>) -> Vec<Finding> {
-    let mut findings: Vec<Finding> = Vec::new();
+fn changes<'k>(points: &[Point<'_>], known: impl Fn(&str) -> Option<&'k Acknowledgement>) -> Followed {
+    let mut followed = Followed::default();
     let Some((first, later)) = points.split_first() else {
-        return findings;
+        return followed;
     };
+    let findings = &mut followed.findings;
     // What each window had before the change that is told, or has now.
     let mut usual: BTreeMap<u32, &String> = first.windows.iter().map(|(window, it)| (*window, it)).collect();
     let mut last = first;
-    // The finding that the nights are within.
-    let mut told: Option<usize> = None;
+    // The finding that the nights are within, and how its windows compared.
+    let mut told: Option<(usize, Compared)> = None;
     for point in later {
         let had = |window: u32, sha256: &String| usual.get(&window).map(|known| *known == sha256);
         let acknowledged = known(point.run);
-        match (ContentChange::of(point.windows, had), told) {
-            (None, None) => {}
-            (None, Some(open)) => {
-                if let Some(finding) = findings.get_mut(open) {
+        let compared = Compared::of(point.windows, had);
+        followed.is_newest_compared = !compared.0.is_empty();
+        match (compared.change(), &told) {
+            (None, Some((open, changed))) if compared.has_any_that_changed_in(changed) => {
+                if let Some(finding) = findings.get_mut(*open) {
                     finding.withdrawn = Some(point.run.to_owned());
                 }
                 told = None;
             }
+            (None, _) => {}
             (Some(change), None) => {
                 findings.push(finding(Kind::Jump, last, point, change, acknowledged));
-                told = Some(findings.len() - 1);
+                told = Some((findings.len() - 1, compared));
             }
             // A change upon a change is told by itself where somebody knows of it: it is what is usual from now on.
             (Some(change), Some(_)) if acknowledged.is_some() => {
@@ -159,7 +175,7 @@ fn changes<'k>(points: &[Point<'_>], known: impl Fn(&str) -> Option<&'k Acknowle
         }
         last = point;
     }
-    findings
+    followed
 }
 
 fn finding(
@@ -178,23 +194,38 @@ fn finding(
         acknowledged: known.cloned(),
         immaterial: false,
         withdrawn: None,
+        explained: None,
     }
 }
 
-impl ContentChange {
-    /// Of a night's windows, with `had` for whether a window was so before, if it was there. None if nothing is other than it was.
-    fn of(windows: &BTreeMap<u32, String>, had: impl Fn(u32, &String) -> Option<bool>) -> Option<Self> {
-        let compared: Vec<(u32, bool)> = windows
+/// Windows of a night that were there before, each with whether it is the same.
+struct Compared(BTreeMap<u32, bool>);
+
+impl Compared {
+    /// Of a night's windows, with `had` for whether a window was so before, if it was there.
+    fn of(windows: &BTreeMap<u32, String>, had: impl Fn(u32, &String) -> Option<bool>) -> Self {
+        let compared = windows
             .iter()
-            .filter_map(|(window, sha256)| Some((*window, had(*window, sha256)?)))
-            .collect();
-        let changed = || compared.iter().filter(|(_, is_same)| !is_same);
-        let (first_window, _) = changed().next()?;
-        Some(Self {
-            first_window: *first_window,
-            changed: changed().count(),
-            compared: compared.len(),
+            .filter_map(|(window, sha256)| Some((*window, had(*window, sha256)?)));
+        Self(compared.collect())
+    }
+
+    fn changed(&self) -> impl Iterator<Item = u32> + '_ {
+        let changed = self.0.iter().filter(|(_, is_same)| !**is_same);
+        changed.map(|(window, _)| *window)
+    }
+
+    /// None if nothing is other than it was, which says something of the windows that were compared and of no others.
+    fn change(&self) -> Option<ContentChange> {
+        Some(ContentChange {
+            first_window: self.changed().next()?,
+            changed: self.changed().count(),
+            compared: self.0.len(),
         })
+    }
+
+    fn has_any_that_changed_in(&self, earlier: &Self) -> bool {
+        earlier.changed().any(|window| self.0.contains_key(&window))
     }
 }
 
@@ -205,10 +236,10 @@ mod tests {
     use super::*;
     use crate::drift::{Acknowledgements, Baseline, Drift, baseline, history};
 
-    /// Nights of one scenario, each with what its windows had, from the first on; `-` is a night without the metric.
+    /// Nights of one scenario, each with what its windows had, from the first on; `-` is a window that is not there.
     fn nights(each: &[&str]) -> Vec<Night> {
         let night = |(number, had): (usize, &&str)| {
-            let windows = (1..).zip(had.chars().filter(|letter| *letter != '-'));
+            let windows = (1..).zip(had.chars()).filter(|(_, letter)| *letter != '-');
             let windows: BTreeMap<u32, String> = windows
                 .map(|(window, letter)| (window, letter.to_string()))
                 .collect();
@@ -248,6 +279,14 @@ mod tests {
         }
     }
 
+    fn assert_told(drift: &Drift, verdict: &str, findings: &[&str]) {
+        let (found, said) = told(drift);
+        assert_eq!(
+            (found, said.iter().map(String::as_str).collect::<Vec<_>>()),
+            (verdict, findings.to_vec())
+        );
+    }
+
     /// The verdict, and of each finding the run, the first window, how many changed of how many, and whether it is news.
     fn told(drift: &Drift) -> (&'static str, Vec<String>) {
         let [judgement] = drift.judgements.as_slice() else {
@@ -280,13 +319,12 @@ mod tests {
     #[case::one_night(&["xy"], "too little data", &[])]
     #[case::none_tonight(&["xy", "xy", "-"], "too little data", &[])]
     #[case::a_night_between(&["xy", "-", "xz"], "drift", &["night-2 window 2 (1/2)"])]
+    #[case::no_window_in_common(&["xy", "--z"], "too little data", &[])]
+    #[case::told_while_nothing_is_compared(&["xy", "zy", "--x"], "drift", &["night-1 window 1 (1/2)"])]
+    #[case::told_while_its_window_is_not_there(&["xy", "zy", "-y"], "drift", &["night-1 window 1 (1/2)"])]
     fn a_change_of_any_byte_is_told(#[case] each: &[&str], #[case] verdict: &str, #[case] findings: &[&str]) {
         let drift = history::judge(&nights(each), &Settings::default());
-        let (found, said) = told(&drift);
-        assert_eq!(
-            (found, said.iter().map(String::as_str).collect::<Vec<_>>()),
-            (verdict, findings.to_vec())
-        );
+        assert_told(&drift, verdict, findings);
     }
 
     #[rstest]
@@ -300,10 +338,7 @@ mod tests {
             ..Settings::default()
         };
         let quiet = history::judge(&nights(&["xy", "zy", "zy"]), &settings);
-        assert_eq!(
-            told(&quiet),
-            ("no drift found", silent.iter().map(ToString::to_string).collect())
-        );
+        assert_told(&quiet, "no drift found", silent);
         let again = history::judge(&nights(&["xy", "zy", "zy", "zq"]), &settings);
         let (verdict, findings) = told(&again);
         assert_eq!(
@@ -316,17 +351,14 @@ mod tests {
     #[case(&["xy", "xz", "xz"], "no drift found", &[])]
     #[case(&["xy", "xz", "xq"], "drift", &["night-2 window 2 (1/2)"])]
     #[case(&["xy", "xz", "-"], "too little data", &[])]
+    #[case(&["xy", "xz", "--z"], "too little data", &[])]
     fn against_a_baseline_what_one_of_its_nights_had_is_the_same(
         #[case] each: &[&str],
         #[case] verdict: &str,
         #[case] findings: &[&str],
     ) {
         let drift = baseline::judge(&nights(each), &Settings::default());
-        let (found, said) = told(&drift);
-        assert_eq!(
-            (found, said.iter().map(String::as_str).collect::<Vec<_>>()),
-            (verdict, findings.to_vec())
-        );
+        assert_told(&drift, verdict, findings);
     }
 
     #[test]

@@ -213,5 +213,6 @@ fn finding(
         acknowledged: known.map(|(_, known)| (*known).clone()),
         immaterial: settings.is_immaterial(&series.metric, level_since - level_before),
         withdrawn: change.withdrawn.map(|night| run(points.get(night))),
+        explained: None,
     }
 }

@@ -1,6 +1,9 @@
 //! What is followed from night to night. The main type is [`Metric`].
 
-use record::{experiment::Compare, name::is_name};
+use record::{
+    experiment::{self, Compare},
+    name::is_name,
+};
 use serde::{Deserialize, Serialize};
 
 use crate::analysis::quantity::Quantity;
@@ -66,7 +69,7 @@ impl Metric {
             Self::StateAge => "state-age",
             Self::PacketDelay => "packet-delay",
             Self::Lateness => "lateness",
-            Self::Provisioning => "provisioning",
+            Self::Provisioning => experiment::Metric::PROVISIONING,
             Self::OfCommand { name, .. } | Self::Content { name } => name,
         }
     }

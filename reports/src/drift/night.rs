@@ -4,7 +4,6 @@ use std::collections::BTreeMap;
 
 use captures::traffic::{Traffic, WindowTraffic};
 use record::{
-    axis::VIRTUALIZATION,
     experiment::Compare,
     name::{by_name, name},
     quantity::Length,
@@ -16,6 +15,7 @@ use statistics::effect::{level, median};
 
 use crate::{
     analysis::{
+        agreement::files,
         quantity::Quantity,
         sample::{Sample, samples},
     },
@@ -23,7 +23,6 @@ use crate::{
     input::{
         overheads::seconds_between,
         run::{Ending, Run, ScenarioRun, WindowState},
-        window_data::MetricData,
     },
 };
 
@@ -47,7 +46,7 @@ pub struct Night {
     pub run: String,
     /// When it was asked for, RFC 3339.
     pub created: String,
-    /// Whether some of its numbers were made up by the `fake` provider.
+    /// Whether some of its numbers were computed and not measured.
     pub is_simulated: bool,
     /// The metric that its experiment is about.
     #[serde(default)]
@@ -187,18 +186,15 @@ impl Night {
 fn contents(scenario: &ScenarioRun, quantities: &[Quantity]) -> BTreeMap<String, BTreeMap<u32, String>> {
     let identical = quantities.iter().filter(|it| it.compare == Compare::Identical);
     let of_metric = identical.map(|quantity| {
-        let windows = scenario.counted();
-        let windows = windows.filter_map(|(window, _, data)| match data.metric(&quantity.name) {
-            Some(MetricData::Bytes(content)) => Some((window, content.sha256.clone())),
-            _ => None,
-        });
+        let windows = files(scenario, &quantity.name).into_iter();
+        let windows = windows.map(|(window, content)| (window, content.sha256.clone()));
         (quantity.name.clone(), windows.collect())
     });
     of_metric.collect()
 }
 
 fn configuration(run: &Run, scenario: &ScenarioRun) -> Value {
-    let provider = scenario.planned.axis(VIRTUALIZATION).unwrap_or_default();
+    let provider = scenario.planned.provider();
     let mut configuration = json!({
         "settings": scenario.planned.settings,
         "workload_sha256": run.manifest.workload_sha256,

@@ -8,6 +8,7 @@ mod text;
 pub use json::DriftDocument;
 
 use super::{Cause, Change, Drift, Finding, Judgement, Kind, Metric, Verdict};
+use crate::explain::Found;
 
 impl Drift {
     /// The verdict in one sentence.
@@ -41,7 +42,7 @@ impl Drift {
     }
 
     /// What is to be told of, with its scenario and metric.
-    fn news(&self) -> impl Iterator<Item = (&Judgement, &Finding)> {
+    pub(super) fn news(&self) -> impl Iterator<Item = (&Judgement, &Finding)> {
         self.judgements.iter().flat_map(|judgement| {
             let news = judgement.findings.iter().filter(|finding| finding.is_news());
             news.map(move |finding| (judgement, finding))
@@ -92,7 +93,15 @@ impl Finding {
             Kind::Slope => format!("went little by little from {from} to {to}"),
             Kind::FromBaseline => format!("is {to}, and was {from} in the baseline"),
         };
-        format!("{change} in {} (p = {:.2e}); {cause}", self.since, level.p)
+        let explained = match &self.explained {
+            None => String::new(),
+            Some(Found::Explanation(explained)) => format!(". {}", explained.cause_in_words()),
+            Some(Found::Reason(reason)) => format!(". What it comes from cannot be said: {reason}"),
+        };
+        format!(
+            "{change} in {} (p = {:.2e}); {cause}{explained}",
+            self.since, level.p
+        )
     }
 
     /// Why it is not told of, if it is not.

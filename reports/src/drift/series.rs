@@ -97,7 +97,7 @@ pub(super) fn remarks(nights: &[Night]) -> Vec<String> {
     let simulated = nights.iter().filter(|night| night.is_simulated).count();
     let made_up = (simulated > 0).then(|| {
         format!(
-            "SIMULATED, NOT MEASURED: numbers of {simulated} of {} runs were made up by the fake provider",
+            "SIMULATED, NOT MEASURED: numbers of {simulated} of {} runs were computed and not measured",
             nights.len()
         )
     });
@@ -248,7 +248,7 @@ pub(super) fn lacks(measured: &Measured, has: bool) -> Option<MissingData> {
 }
 
 fn none_there() -> MissingData {
-    MissingData::Absent("the run has no such number".to_owned())
+    MissingData::Absent("the newest run has nothing of it".to_owned())
 }
 
 pub(super) const fn never_asked(lack: Option<&MissingData>) -> bool {

@@ -193,7 +193,7 @@ pub enum MissingWindow {
 }
 
 impl ScenarioRun {
-    /// Whether its numbers were made up by its provider.
+    /// Whether its numbers were computed and not measured.
     #[must_use]
     pub fn is_simulated(&self) -> bool {
         // Without an environment there is no number. Plans of earlier versions do not say it: `fake` was the only such provider.

@@ -1,6 +1,6 @@
-//! The figures, as SVG and as PDF: how large the differences are, the control loop, the network, an example of the test, one period of target and actual
-//! position, and of pairs of windows the histograms and the distribution functions. The main type is [`Figure`]; [`draw`]
-//! makes all of a report's.
+//! The figures, as SVG and as PDF: how large the differences are and what they come from, the control loop, the network, an example
+//! of the test, one period of target and actual position, and of pairs of windows the histograms and the distribution functions. The
+//! main type is [`Figure`]; [`draw`] makes all of a report's.
 //!
 //! ```text
 //! pairs -> which windows        canvas -> a column's width, letters, axes
@@ -58,6 +58,8 @@ impl Figure {
 pub enum Kind {
     /// The shifts of all pairs with their intervals.
     Forest,
+    /// What the difference of a pair comes from.
+    Causes,
     /// The control loop with the network's delays.
     ControlLoop,
     /// The hosts, the switch and the links between them.
@@ -74,8 +76,9 @@ pub enum Kind {
 
 impl Kind {
     /// All of them.
-    pub const ALL: [Self; 7] = [
+    pub const ALL: [Self; 8] = [
         Self::Forest,
+        Self::Causes,
         Self::ControlLoop,
         Self::Topology,
         Self::KsTest,
@@ -89,6 +92,7 @@ impl Kind {
     pub const fn prefix(self) -> &'static str {
         match self {
             Self::Forest => "forest",
+            Self::Causes => "causes",
             Self::ControlLoop => "control-loop",
             Self::Topology => "topology",
             Self::KsTest => "ks-test",
@@ -105,6 +109,9 @@ impl Kind {
 /// When the drawing library fails.
 pub fn draw(run: &Run, report: &Report) -> Result<Vec<Figure>, FigureError> {
     let mut figures = Vec::from_iter(forest::draw(report)?);
+    for pair in &report.causes {
+        figures.extend(forest::parts(report, pair)?);
+    }
     figures.extend(control_loop::draw(run)?);
     figures.extend(topology::draw(run)?);
     figures.extend(distributions::example(report)?);

@@ -1,14 +1,17 @@
-//! The shifts of all pairs of the family beside each other, each with the interval that holds for all at once, and the band that does
-//! not matter: what a reader sees before any count. The main type is [`Forest`]; [`figure::forest`](super::figure) draws it and
-//! [`Forest::text`] is it for a terminal.
+//! Numbers beside each other with their intervals: the shifts of all pairs of the family, each with the interval that holds for all at
+//! once, and the band that does not matter, which a reader sees before any count; and the parts of a difference. The main type is
+//! [`Forest`]; [`figure::forest`](super::figure) draws it and [`Forest::text`] is it for a terminal.
 
 use statistics::effect::{Estimate, Interval};
 
-use crate::analysis::{
-    contrast::{Contrast, Verdict},
-    quantity::Quantity,
-    replicates::{EnvironmentContrast, Replicates},
-    report::Report,
+use crate::{
+    analysis::{
+        contrast::{Contrast, Verdict},
+        quantity::Quantity,
+        replicates::{EnvironmentContrast, Replicates},
+        report::Report,
+    },
+    explain::{Explanation, Line},
 };
 
 /// Pairs that are drawn.
@@ -80,34 +83,32 @@ pub(crate) const fn unit(report: &Report) -> &'static str {
     }
 }
 
-/// The shifts of the pairs of a family, in the unit that tables show.
+/// What is drawn, in the unit that tables show.
 #[derive(Debug, Clone, PartialEq)]
 pub(crate) struct Forest {
-    /// In the order of the family; never empty.
+    /// From the top; never empty.
     pub(crate) rows: Vec<Row>,
-    /// Pairs that are not drawn: those with the smallest shifts.
-    pub(crate) left_out: usize,
     /// The equivalence margin.
     pub(crate) margin: Option<f64>,
-    /// Whether there is one, in words.
-    pub(crate) no_shift_matters: String,
     /// What is drawn, with the unit.
     pub(crate) heading: String,
-    /// The confidence of each simultaneous interval, 0 to 1.
-    pub(crate) confidence: f64,
-    /// What each mean is of: [`unit`].
-    pub(crate) unit: &'static str,
+    /// The same in a sentence or two.
+    pub(crate) caption: String,
+    /// What the interval of a row is.
+    pub(crate) each: &'static str,
+    /// What the interval is that holds for all rows at once; none if there is no such interval.
+    pub(crate) all: Option<&'static str>,
 }
 
-/// One pair.
+/// One number.
 #[derive(Debug, Clone, PartialEq)]
 pub(crate) struct Row {
-    /// Both letters.
+    /// Both letters of a pair, or a factor.
     pub(crate) name: String,
-    pub(crate) shift: f64,
-    /// The interval of the pair by itself; none with a single window, and of environments only where none holds for all pairs.
+    pub(crate) value: f64,
+    /// The interval of the row by itself; none with a single window, and of environments only where none holds for all pairs.
     pub(crate) each: Option<(f64, f64)>,
-    /// The interval that holds for all pairs at once; none where so few windows cannot have it.
+    /// The interval that holds for all rows at once; none where so few windows cannot have it.
     pub(crate) all: Option<(f64, f64)>,
 }
 
@@ -116,7 +117,7 @@ impl Row {
         let shown = |interval: Interval| (quantity.shown(interval.low), quantity.shown(interval.high));
         Self {
             name: format!("{}–{}", pair.a, pair.b),
-            shift: quantity.shown(pair.shift.value),
+            value: quantity.shown(pair.shift.value),
             each: pair.shift.interval.map(shown),
             all: pair.all.map(shown),
         }
@@ -137,29 +138,46 @@ impl Forest {
             .map(|pair| Row::of(pair, &report.quantity))
             .take(MOST_DRAWN)
             .collect();
-        let quantity = &report.quantity;
         (!rows.is_empty()).then(|| Self {
-            left_out: pairs.len() - rows.len(),
+            caption: caption(report, &rows, pairs.len() - rows.len()),
             rows,
-            margin: quantity.equivalence_margin.map(|margin| quantity.shown(margin)),
-            no_shift_matters: match quantity.margin() {
-                Some(margin) => format!("the band of ±{margin} does not matter"),
-                None => format!(
-                    "no band that does not matter is declared ({})",
-                    quantity.margin_setting
-                ),
-            },
-            heading: quantity.heading(&format!("shift of the {} means", unit(report))),
-            confidence: simultaneous_confidence(report),
-            unit: unit(report),
+            margin: report
+                .quantity
+                .equivalence_margin
+                .map(|margin| report.quantity.shown(margin)),
+            heading: report
+                .quantity
+                .heading(&format!("shift of the {} means", unit(report))),
+            each: "each pair by itself",
+            all: Some("all pairs at once"),
         })
+    }
+
+    /// The parts of a difference.
+    pub(crate) fn of_explanation(explained: &Explanation, quantity: &Quantity) -> Self {
+        let row = |line: Line<'_>| Row {
+            name: line.words.to_owned(),
+            value: quantity.shown(line.m),
+            each: line
+                .interval_m
+                .map(|[low, high]| (quantity.shown(low), quantity.shown(high))),
+            all: None,
+        };
+        Self {
+            rows: explained.lines().into_iter().map(row).collect(),
+            margin: None,
+            heading: quantity.heading("part of the difference of the means"),
+            caption: format!("{} {}", explained.sentence(), explained.method()),
+            each: "95 % interval",
+            all: None,
+        }
     }
 
     /// From the lowest to the highest of all that is drawn and 0, with some room.
     pub(crate) fn range(&self) -> (f64, f64) {
         let of_row = |row: &Row| {
             let ends = [row.each, row.all].into_iter().flatten();
-            let mut values = vec![row.shift];
+            let mut values = vec![row.value];
             values.extend(ends.flat_map(|(low, high)| [low, high]));
             values
         };
@@ -171,30 +189,6 @@ impl Forest {
         (low - room, high + room)
     }
 
-    /// What is drawn, in a sentence or two.
-    pub(crate) fn caption(&self) -> String {
-        let confidence = percent(self.confidence);
-        let all = match self.rows.iter().any(|row| row.all.is_some()) {
-            true => format!("Thin: the interval of {confidence} that holds for all pairs at once"),
-            false => {
-                format!(
-                    "None holds for all pairs at once: so few {}s cannot have one of {confidence}",
-                    self.unit
-                )
-            }
-        };
-        let band = &self.no_shift_matters;
-        let left_out = match self.left_out {
-            0 => String::new(),
-            some => format!(" Not drawn: the {} with the smallest shifts.", pairs(some)),
-        };
-        format!(
-            "By how much the {} means of the second scenario are larger. Thick: the interval of each pair by itself. {all}; \
-             {band}.{left_out}",
-            self.unit
-        )
-    }
-
     /// The same for a terminal so many columns wide: `=` the interval of each pair, `-` the one for all at once, `o` the shift, `|`
     /// no shift, and `:` the margin.
     pub(crate) fn text(&self, width: usize) -> String {
@@ -204,7 +198,7 @@ impl Forest {
             .map(|row| row.name.chars().count())
             .max()
             .unwrap_or(0);
-        let numbers: Vec<String> = self.rows.iter().map(|row| format!("{:+.3}", row.shift)).collect();
+        let numbers: Vec<String> = self.rows.iter().map(|row| format!("{:+.3}", row.value)).collect();
         let number_width = numbers.iter().map(String::len).max().unwrap_or(0);
         let columns = width.saturating_sub(name_width + number_width + 4).max(11);
         let (low, high) = self.range();
@@ -225,7 +219,7 @@ impl Forest {
                 cells[place(margin)] = ':';
             }
             cells[place(0.0)] = '|';
-            cells[place(row.shift)] = 'o';
+            cells[place(row.value)] = 'o';
             String::from_iter(cells)
         };
         let lines = self.rows.iter().zip(&numbers).map(|(row, number)| {
@@ -234,6 +228,31 @@ impl Forest {
         });
         lines.collect::<Vec<_>>().join("\n")
     }
+}
+
+/// What is drawn, with so many pairs left out.
+fn caption(report: &Report, rows: &[Row], left_out: usize) -> String {
+    let unit = unit(report);
+    let confidence = percent(simultaneous_confidence(report));
+    let all = match rows.iter().any(|row| row.all.is_some()) {
+        true => format!("Thin: the interval of {confidence} that holds for all pairs at once"),
+        false => format!("None holds for all pairs at once: so few {unit}s cannot have one of {confidence}"),
+    };
+    let band = match report.quantity.margin() {
+        Some(margin) => format!("the band of ±{margin} does not matter"),
+        None => format!(
+            "no band that does not matter is declared ({})",
+            report.quantity.margin_setting
+        ),
+    };
+    let left_out = match left_out {
+        0 => String::new(),
+        some => format!(" Not drawn: the {} with the smallest shifts.", pairs(some)),
+    };
+    format!(
+        "By how much the {unit} means of the second scenario are larger. Thick: the interval of each pair by itself. {all}; \
+         {band}.{left_out}"
+    )
 }
 
 fn pairs(count: usize) -> String {
@@ -260,20 +279,19 @@ mod tests {
     use super::*;
 
     fn forest() -> Forest {
-        let row = |name: &str, shift: f64, each: f64, all: Option<f64>| Row {
+        let row = |name: &str, value: f64, each: f64, all: Option<f64>| Row {
             name: name.to_owned(),
-            shift,
-            each: Some((shift - each, shift + each)),
-            all: all.map(|all| (shift - all, shift + all)),
+            value,
+            each: Some((value - each, value + each)),
+            all: all.map(|all| (value - all, value + all)),
         };
         Forest {
             rows: vec![row("a–b", 0.5, 1.0, Some(2.0)), row("a–ca", 6.0, 1.0, None)],
-            left_out: 0,
             margin: Some(2.0),
-            no_shift_matters: "the band of ±2 mm does not matter".to_owned(),
             heading: "shift of the window means (mm)".to_owned(),
-            confidence: 0.9995,
-            unit: "window",
+            caption: "the band of ±2 mm does not matter".to_owned(),
+            each: "each pair by itself",
+            all: Some("all pairs at once"),
         }
     }
 

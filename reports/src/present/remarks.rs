@@ -12,6 +12,7 @@ use crate::{
         report::Report,
     },
     present::{figure, forest::unit},
+    replay::{ScenarioReplay, WindowReplay},
 };
 
 /// What a reader must know before believing the tables.
@@ -27,11 +28,22 @@ pub(super) fn remarks(report: &Report) -> Vec<String> {
         .collect();
     if !simulated.is_empty() {
         remarks.push(format!(
-            "SIMULATED, NOT MEASURED: {} made up by the provider `fake`. These numbers say nothing about any platform.",
+            "SIMULATED, NOT MEASURED: {} computed. These numbers say nothing about any platform, but about a model of one.{}",
             match simulated.as_slice() {
                 [one] => format!("scenario {one} was"),
                 many => format!("scenarios {} were", many.join(", ")),
+            },
+            match report.scenarios.iter().any(|s| !s.is_simulated && s.within.is_some()) {
+                false => "",
+                true => " A pair of a measured and a simulated scenario compares a platform with a model.",
             }
+        ));
+    }
+    let is_suspect = |scenario: &ScenarioReplay| !scenario.windows.iter().all(WindowReplay::is_the_same);
+    for scenario in report.replays.iter().filter(|scenario| is_suspect(scenario)) {
+        remarks.push(format!(
+            "Windows of {} do not give their errors again from their own recorded times: see the table of replays.",
+            scenario.id
         ));
     }
     remarks.extend(dependent_values(report));

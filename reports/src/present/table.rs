@@ -4,6 +4,7 @@
 mod against_controls;
 mod agreement;
 mod calls;
+mod causes;
 mod conclusions;
 mod contrasts;
 mod differences;
@@ -11,6 +12,7 @@ mod layers;
 mod packets;
 mod platforms;
 mod releases;
+mod replays;
 mod replicates;
 mod schedule;
 mod shifts;
@@ -103,8 +105,10 @@ pub(crate) fn beside(report: &Report) -> Vec<Table> {
     tables.extend(replicates::of(report));
     tables.extend(contrasts::of(report));
     tables.extend(differences::of(report));
+    tables.extend(causes::of(report));
     tables.push(within::of(report));
     tables.extend(packets::of(report));
+    tables.extend(replays::of(report));
     tables.extend(schedule::of(report));
     tables.extend(calls::of(report));
     tables.extend(releases::of(report));

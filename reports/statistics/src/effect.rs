@@ -240,7 +240,9 @@ fn logit_interval(value: f64, error: f64, windows: usize) -> Option<Interval> {
     Some(of(share(logit - reach), share(logit + reach)))
 }
 
-fn student_quantile(freedom: f64, confidence: f64) -> Option<f64> {
+/// How many standard errors an interval of that confidence reaches to each side, by Student's distribution; none without freedom.
+#[must_use]
+pub fn student_quantile(freedom: f64, confidence: f64) -> Option<f64> {
     let student = StudentsT::new(0.0, 1.0, freedom).ok()?;
     Some(student.inverse_cdf(0.5 + confidence / 2.0))
 }

@@ -509,7 +509,7 @@ fn an_incomplete_window_is_broken() {
 }
 
 #[test]
-fn what_the_fake_provider_made_up_is_said_first() {
+fn what_was_computed_is_said_first() {
     let scenarios = [Scenario::measured("x86-debian-native", &[0.1, 0.1]).by("fake")];
     let report = report_of(&Synthetic::new(&scenarios));
     assert_eq!(json_of(&report)["simulated"], json!(true));
@@ -520,7 +520,7 @@ fn what_the_fake_provider_made_up_is_said_first() {
             .lines()
             .nth(2)
             .unwrap()
-            .starts_with("> **SIMULATED, NOT MEASURED: scenario a was made up")
+            .starts_with("> **SIMULATED, NOT MEASURED: scenario a was computed")
     );
     assert!(
         report

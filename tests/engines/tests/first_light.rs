@@ -51,6 +51,9 @@ fn native_and_docker_are_measured_and_compared_as_in_the_paper() {
     for id in ["a", "b"] {
         assert_eq!(find(&report["within"], id)["pairs"], 6, "{report:#}");
     }
+    // The times on record give the errors on record again, to the last bit.
+    let replayed = workplace.run(&["replay", directory.to_str().unwrap()]);
+    assert_eq!(replayed.code, Some(0), "{replayed:?}");
     assert_eq!(report["between"].as_array().unwrap().len(), 1, "{report:#}");
     assert_eq!(report["between"][0]["pairs"], 16, "{report:#}");
     let sizes: Vec<u64> = report["comparisons"]
@@ -105,6 +108,12 @@ fn every_message_of_the_logs_is_in_the_captures(workplace: &Workplace, directory
     let messages = workplace.json(&["messages", directory]);
     let scenarios = messages["scenarios"].as_array().unwrap();
     assert_eq!(scenarios.len(), 2, "{messages:#}");
+    let topics = scenarios
+        .iter()
+        .flat_map(|scenario| scenario["topics"].as_array().unwrap());
+    let retransmitted: u64 = topics.map(|topic| topic["retransmitted"].as_u64().unwrap()).sum();
+    // Some 55 segments of both scenarios are lost, each with a message or more: fewer than 20 once in a million runs.
+    assert!(retransmitted >= 20, "{messages:#}");
     for scenario in scenarios {
         assert_eq!(scenario["windows"], serde_json::json!([1, 2, 3, 4]));
         let [state, command] = [&scenario["topics"][0], &scenario["topics"][1]];
@@ -123,8 +132,8 @@ fn every_message_of_the_logs_is_in_the_captures(workplace: &Workplace, directory
                 count("arrived") + held_back >= 1560 && count("arrived") <= count("sent"),
                 "{messages:#}"
             );
-            // Of 1600, some 32 are lost on their way: fewer than ten once in a million runs.
-            assert!(count("retransmitted") >= 10, "{messages:#}");
+            // With Nagle's algorithm 1600 messages are some 700 segments, of which one in fifty is lost: none once in a million runs.
+            assert!(count("retransmitted") >= 1, "{messages:#}");
             let mean_ns = topic["one_way"]["mean_ns"].as_f64().unwrap();
             let min_ns = topic["one_way"]["min_ns"].as_f64().unwrap();
             assert!(min_ns >= 18e6 && (19e6..60e6).contains(&mean_ns), "{messages:#}");

@@ -68,6 +68,8 @@ impl Place {
         Self {
             folder: tempfile::tempdir().unwrap(),
             settings: json!({
+                // Other tests may run beside these.
+                "validity": {"other_load": {"suspect": "never", "invalid": "never"}},
                 "network": {"loss": "0%", "jitter": "0ms", "delay": "1ms"},
                 "experiment": {
                     "name": "ping",

@@ -46,6 +46,13 @@ fn nobody_measures_natively_and_is_told_why_docker_is_out_of_reach() {
     assert_eq!(output.status.code(), Some(0), "{err}");
     let report: serde_json::Value = serde_json::from_slice(&output.stdout).unwrap();
     assert_eq!(report["within"][0]["pairs"], 1, "{report:#}");
+    // The times on record give the errors on record again, to the last bit.
+    let run = workplace.run_directory();
+    let replayed = workplace.run(&["replay", run.to_str().unwrap()]);
+    assert!(
+        replayed.code == Some(0) && replayed.out.contains("differ by at most 0.0000 µm"),
+        "{replayed:?}"
+    );
     let docker = &report["scenarios"][1];
     assert_eq!(docker["outcome"], "infeasible", "{report:#}");
     assert!(

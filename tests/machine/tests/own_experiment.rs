@@ -42,7 +42,7 @@ fn matrix_file(modes: &str, more: &str) -> String {
          - {{name: reach_error, unit: mm, from: errors.csv, column: error}}\n  \
          - {{name: step_time, unit: ms, from: errors.csv, column: step, equivalence_margin: 0.5}}\n  \
          - {{name: final_state, from: state.txt, compare: identical}}\n\
-         workload: {{windows: 3}}\n{more}"
+         workload: {{windows: 3, validity: {{other_load: {{suspect: never, invalid: never}}}}}}\n{more}"
     )
 }
 
@@ -347,7 +347,7 @@ fn a_scenario_that_fails_fast_has_no_further_environments() {
     let file = matrix_file("fails", "").replace("  parameters:", "  fail_fast: true\n  parameters:");
     workplace.write(
         "m.yaml",
-        file.replace("{windows: 3}", "{windows: 3, environments: 3}"),
+        file.replace("{windows: 3,", "{windows: 3, environments: 3,"),
     );
     let ran = workplace.run(&["run", "m.yaml"]);
     assert_eq!(ran.code, Some(1), "{ran:?}");

@@ -11,6 +11,9 @@ pub const VIRTUALIZATION: &str = "virtualization";
 /// The value of [`VIRTUALIZATION`] where nothing does.
 pub const NATIVE: &str = "native";
 
+/// The value of [`VIRTUALIZATION`] where nothing is measured and all is computed: the name of a provider, too.
+pub const SIMULATED: &str = "simulated";
+
 /// The value of an axis as text.
 #[must_use]
 pub fn axis_text(value: &Value) -> String {

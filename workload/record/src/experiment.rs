@@ -108,8 +108,8 @@ impl CommandExperiment {
     const LONGEST: usize = 48 << 10;
     /// A file that a metric is read from is no longer, in bytes.
     pub const LONGEST_FILE: u64 = 1 << 30;
-    /// The first line of a continuous command's file is no longer, in bytes.
-    pub const LONGEST_HEADER: u64 = 64 << 10;
+    /// A line of a file with values is no longer, in bytes.
+    pub const LONGEST_LINE: u64 = 1 << 20;
     /// More retries hide a machine that does not work.
     const MOST_RETRIES: u32 = 10;
     /// A window is cut by a process that sleeps: some milliseconds are no window.

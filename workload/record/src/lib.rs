@@ -34,6 +34,7 @@ pub mod limits;
 pub mod name;
 pub mod plant_log;
 pub mod platform;
+pub mod platform_model;
 pub mod progress;
 pub mod quantity;
 #[cfg(feature = "run-directory")]

@@ -7,6 +7,7 @@
 mod backend;
 mod dynamics;
 mod need;
+mod simulation;
 pub mod validity;
 
 use std::{borrow::Cow, ops::RangeInclusive};
@@ -21,10 +22,12 @@ pub use self::{
         StepOrder, Waiting, asked_for, recorded,
     },
     need::Need,
+    simulation::SimulationSettings,
     validity::{Limit, Limits, ValiditySettings},
 };
 use crate::{
     experiment::CommandExperiment,
+    platform_model::PlatformModel,
     quantity::{BitRate, Bytes, Fraction, Frequency, TimeSpan},
     topology::{self, Link, LinkSettings, Topology, Wanted},
     virtual_host::VirtualHost,
@@ -68,6 +71,9 @@ pub struct Settings {
     pub loops: LoopSettings,
     /// From where on a window is suspect or invalid.
     pub validity: ValiditySettings,
+    /// How scenarios of `virtualization: simulated` are computed; others do not have it.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub simulation: Option<SimulationSettings>,
     /// An experiment of the user's own in place of the ball on the plate. In a matrix file it is a section of its own.
     #[serde(skip_serializing_if = "Option::is_none")]
     #[cfg_attr(feature = "schema", schemars(skip))]
@@ -99,6 +105,7 @@ impl Settings {
             realtime: RealtimeSettings::default(),
             loops: LoopSettings::default(),
             validity: ValiditySettings::default(),
+            simulation: None,
             experiment: None,
         }
     }
@@ -618,9 +625,22 @@ impl Settings {
             None => {
                 self.problems_of_the_ball(&mut problems);
                 self.problems_of_the_network(&mut problems);
+                problems.extend(self.problems_of_the_simulation());
             }
         }
         problems
+    }
+
+    /// What is wrong with what is computed in place of measured.
+    fn problems_of_the_simulation(&self) -> impl Iterator<Item = SettingsProblem> {
+        let platform = self.simulation.iter().map(|simulation| &simulation.platform);
+        platform
+            .flat_map(PlatformModel::problems)
+            .map(|(path, message, hint)| SettingsProblem {
+                path: format!("simulation.platform.{path}").into(),
+                message,
+                hint: hint.to_owned(),
+            })
     }
 
     /// What is wrong with the emulated network and its captures.

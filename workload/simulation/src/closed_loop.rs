@@ -36,9 +36,15 @@ mod ticks;
 use std::{collections::VecDeque, time::Duration};
 
 use oorandom::Rand64;
-use record::{control_log::ControlRow, settings::Settings};
+use record::{
+    control_log::ControlRow,
+    plant_log::PlantRow,
+    platform_model::{StallModel, TickLateness},
+    settings::Settings,
+    virtual_host::VirtualHost,
+    window::LinkRecord,
+};
 
-pub use self::ticks::Stalls;
 use self::{
     programs::{ControllerProgram, Message, PlantProgram},
     ticks::Ticks,
@@ -49,40 +55,69 @@ use crate::{
     plant::Plant,
     reference::Reference,
     schedule::Schedule,
+    stalls::Stalls,
     virtual_time::{
-        exchange::{Conditions, Exchange},
+        exchange::{Conditions, Exchange, Heard, Peer},
+        path::NOTHING_PASSED,
         programs::run,
     },
 };
 
 /// What is under the loop.
-#[derive(Debug, Clone, Copy, PartialEq)]
+#[derive(Debug, Clone, PartialEq)]
 pub struct Platform {
     /// What messages go through.
     pub network: Conditions,
-    /// What both loops' ticks suffer.
-    pub stalls: Stalls,
+    /// How late the controller's ticks begin.
+    pub controller: TickLateness,
+    /// How late the plant's ticks begin.
+    pub plant: TickLateness,
+    /// When all of it stands still.
+    pub stalls: StallModel,
 }
 
 impl Platform {
     /// The links and TCP of the settings, on hosts that take no time.
     #[must_use]
     pub fn ideal(settings: &Settings) -> Self {
+        Self::on(Conditions {
+            nagle: !settings.ros.tcp_nodelay,
+            ..Conditions::of(&settings.network)
+        })
+    }
+
+    /// The links and TCP of the settings, on the platform that they model, if they do.
+    #[must_use]
+    pub fn of(settings: &Settings) -> Self {
+        let ideal = Self::ideal(settings);
+        let Some(simulation) = &settings.simulation else {
+            return ideal;
+        };
+        let model = &simulation.platform;
         Self {
             network: Conditions {
-                nagle: !settings.ros.tcp_nodelay,
-                ..Conditions::of(&settings.network)
+                stack_ns: nanoseconds(model.stack.duration()),
+                reading: model.reading.clone(),
+                ..ideal.network
             },
-            stalls: Stalls::default(),
+            controller: model.controller.clone(),
+            plant: model.plant.clone(),
+            stalls: model.stalls.clone(),
         }
     }
 
     /// Every message takes that long, each way: nothing is left to chance.
     #[must_use]
     pub fn fixed(one_way: Duration) -> Self {
+        Self::on(Conditions::fixed(one_way))
+    }
+
+    fn on(network: Conditions) -> Self {
         Self {
-            network: Conditions::fixed(one_way),
-            stalls: Stalls::default(),
+            network,
+            controller: TickLateness::default(),
+            plant: TickLateness::default(),
+            stalls: StallModel::default(),
         }
     }
 }
@@ -115,19 +150,26 @@ impl Simulation {
         let messages = settings.ros.messages;
         let mut seeds = Rand64::new(u128::from(seed));
         let network_seed = seeds.rand_u64();
-        let mut ticks = |first_ns| {
+        let stalls = Stalls::new(&platform.stalls, !network_seed);
+        let mut ticks = |first_ns, lateness| {
             let schedule = Schedule {
                 first_ns,
                 step_ns: nanoseconds(step),
                 steps: u64::MAX,
             };
             let chance = Rand64::new(u128::from(seeds.rand_u64()));
-            Ticks::new(schedule, settings.loops.late_ticks, platform.stalls, chance)
+            Ticks::new(
+                schedule,
+                settings.loops.late_ticks,
+                lateness,
+                chance,
+                stalls.clone(),
+            )
         };
         Self {
-            exchange: Exchange::new(&platform.network, network_seed),
+            exchange: Exchange::on(&platform.network, network_seed, &stalls),
             plant: PlantProgram {
-                ticks: ticks(0),
+                ticks: ticks(0, &platform.plant),
                 plant: Plant::new(&settings.plant, step),
                 sends: settings.plant.sends,
                 messages,
@@ -135,9 +177,11 @@ impl Simulation {
                 zero_ns,
                 command: CommandMessage::default(),
                 newest: StateMessage::default(),
+                rows: None,
+                written: None,
             },
             controller: ControllerProgram {
-                ticks: ticks(zero_ns),
+                ticks: ticks(zero_ns, &platform.controller),
                 reference: Reference::new(settings),
                 controller: Controller::new(settings),
                 messages,
@@ -146,8 +190,60 @@ impl Simulation {
                 received: None,
                 states_received: 0,
                 rows: VecDeque::new(),
+                written: None,
             },
         }
+    }
+}
+
+impl Simulation {
+    /// Keeps what the plant does, too, for [`Self::take_plant_row`].
+    #[must_use]
+    pub fn with_plant_rows(mut self) -> Self {
+        self.plant.rows = Some(VecDeque::new());
+        self
+    }
+
+    /// The next tick of the plant of those that were done by the newest control step.
+    pub fn take_plant_row(&mut self) -> Option<PlantRow> {
+        self.plant.rows.as_mut()?.pop_front()
+    }
+
+    /// Keeps each packet that leaves a host or comes to one, and each byte that is written, for [`Self::take_heard`] and
+    /// [`Self::take_written`].
+    #[must_use]
+    pub fn with_captures(mut self) -> Self {
+        self.exchange.listen();
+        self.plant.written = Some(Vec::new());
+        self.controller.written = Some(Vec::new());
+        self
+    }
+
+    /// The next packet of those that were under way by the newest control step, at a time after the plant's first tick.
+    pub fn take_heard(&mut self) -> Option<Heard> {
+        self.exchange.take_heard()
+    }
+
+    /// The bytes that a peer has written on its connection since this was asked last.
+    pub fn take_written(&mut self, by: Peer) -> Vec<u8> {
+        let written = match by {
+            Peer::Controller => &mut self.controller.written,
+            Peer::Plant => &mut self.plant.written,
+        };
+        written.as_mut().map(std::mem::take).unwrap_or_default()
+    }
+
+    /// What went through the links so far, in [`VirtualHost::OF_THE_BALL`]'s order. The master's carries nothing.
+    #[must_use]
+    pub fn links(&self) -> [LinkRecord; 3] {
+        let [commands, states] = self.exchange.passes();
+        let [h1, sta1, sta2] = VirtualHost::OF_THE_BALL;
+        let link = |host, up, down| LinkRecord { host, up, down };
+        [
+            link(h1, NOTHING_PASSED, NOTHING_PASSED),
+            link(sta1, commands.up, states.down),
+            link(sta2, states.up, commands.down),
+        ]
     }
 }
 

@@ -3,6 +3,7 @@
 //!
 //! - the experiment's equations: [`reference`], [`plant`], [`controller`];
 //! - when the steps of a loop are due: [`schedule`]; what the loops send to each other: [`message`], in the encodings of [`ros`];
+//! - when the machine stands still: [`stalls`];
 //! - the network: one end of a link is [`link`], links and TCP in virtual time are [`virtual_time`];
 //! - all of it together, the closed loop in virtual time: [`closed_loop`].
 
@@ -12,6 +13,8 @@ pub mod link;
 pub mod message;
 pub mod plant;
 pub mod reference;
+pub mod replay;
 pub mod ros;
 pub mod schedule;
+pub mod stalls;
 pub mod virtual_time;

@@ -21,7 +21,7 @@
 //! One difference remains: a sender's TCP learns that a packet was dropped at 2 when the queue is in its own kernel.
 //! Here it does not, as with the switch's end in Mininet.
 
-use std::{cmp::Reverse, collections::BinaryHeap};
+use std::collections::VecDeque;
 
 use oorandom::Rand64;
 use record::topology::Link;
@@ -71,10 +71,11 @@ impl From<&Link> for Impairment {
 #[derive(Debug)]
 pub struct LinkEnd<P> {
     impairment: Impairment,
-    queue: BinaryHeap<Reverse<Waiting<P>>>,
+    /// In the order of leaving. A packet's place is looked for from the end, as `tfifo_enqueue` does: few overtake others, and those only a
+    /// few. A heap would copy each packet several times.
+    queue: VecDeque<Waiting<P>>,
     bucket: TokenBucket,
     random: Rand64,
-    admitted: u64,
 }
 
 /// A packet that was not admitted, handed back.
@@ -101,10 +102,9 @@ impl<P> LinkEnd<P> {
     pub fn new(impairment: Impairment, random: Rand64) -> Self {
         Self {
             impairment,
-            queue: BinaryHeap::with_capacity(impairment.limit.min(1000)),
+            queue: VecDeque::with_capacity(impairment.limit.min(1000)),
             bucket: TokenBucket::full(impairment.bits_per_second),
             random,
-            admitted: 0,
         }
     }
 
@@ -128,27 +128,30 @@ impl<P> LinkEnd<P> {
             return Err(Refused::Overflowed(packet));
         }
         let time_to_send_ns = now_ns.saturating_add(self.delay_ns());
-        self.admitted += 1;
-        self.queue.push(Reverse(Waiting {
-            time_to_send_ns,
-            position: self.admitted,
-            bytes,
-            packet,
-        }));
+        let is_before = |waiting: &Waiting<P>| waiting.time_to_send_ns <= time_to_send_ns;
+        let place = self.queue.iter().rposition(is_before).map_or(0, |at| at + 1);
+        self.queue.insert(
+            place,
+            Waiting {
+                time_to_send_ns,
+                bytes,
+                packet,
+            },
+        );
         Ok(())
     }
 
     /// When the next packet leaves; none if none waits.
     #[must_use]
     pub fn next_due_ns(&self) -> Option<u64> {
-        let Reverse(first) = self.queue.peek()?;
+        let first = self.queue.front()?;
         Some(first.time_to_send_ns.max(self.bucket.ready_ns()))
     }
 
     /// Takes the next packet if it is due.
     pub fn release(&mut self, now_ns: u64) -> Option<Released<P>> {
         let due_ns = self.next_due_ns().filter(|due_ns| *due_ns <= now_ns)?;
-        let Reverse(first) = self.queue.pop()?;
+        let first = self.queue.pop_front()?;
         self.bucket.charge(due_ns, first.bytes);
         Some(Released {
             due_ns,
@@ -175,39 +178,12 @@ impl<P> LinkEnd<P> {
     }
 }
 
-/// A packet in the queue, in the order of leaving.
+/// A packet in the queue.
 #[derive(Debug)]
 struct Waiting<P> {
     time_to_send_ns: u64,
-    position: u64,
     bytes: usize,
     packet: P,
-}
-
-impl<P> Waiting<P> {
-    fn key(&self) -> (u64, u64) {
-        (self.time_to_send_ns, self.position)
-    }
-}
-
-impl<P> PartialEq for Waiting<P> {
-    fn eq(&self, other: &Self) -> bool {
-        self.key() == other.key()
-    }
-}
-
-impl<P> Eq for Waiting<P> {}
-
-impl<P> PartialOrd for Waiting<P> {
-    fn partial_cmp(&self, other: &Self) -> Option<std::cmp::Ordering> {
-        Some(self.cmp(other))
-    }
-}
-
-impl<P> Ord for Waiting<P> {
-    fn cmp(&self, other: &Self) -> std::cmp::Ordering {
-        self.key().cmp(&other.key())
-    }
 }
 
 /// HTB's bucket, which holds time: the tokens of a byte are the nanoseconds that it takes at the rate.

@@ -8,7 +8,7 @@ mod text;
 
 pub use text::stamp_in_text;
 
-use record::settings::Messages;
+use record::{plant_log::PlantRow, settings::Messages};
 
 use crate::{
     plant::AxisState,
@@ -17,6 +17,7 @@ use crate::{
         message_type::MessageType,
         string,
     },
+    schedule::Tick,
 };
 
 /// A topic and what it carries.
@@ -89,6 +90,24 @@ impl StateMessage {
     pub fn to_positions(self) -> [f64; 6] {
         let [seq, stamp_s, x_m, _, x_angle, _, y_m, _, y_angle, _] = self.to_values();
         [seq, stamp_s, x_m, x_angle, y_m, y_angle]
+    }
+
+    /// The row of `plant.csv` of the tick that it is the state of, with the command that was in force.
+    #[must_use]
+    pub fn row(&self, tick: &Tick, zero_ns: i64, command: &CommandMessage) -> PlantRow {
+        let [x, y] = self.axes;
+        PlantRow {
+            step: tick.step,
+            scheduled_ns: tick.due_ns - zero_ns,
+            actual_ns: self.stamp_ns,
+            x_m: x.position_m,
+            y_m: y.position_m,
+            angle_x_rad: x.angle_rad,
+            angle_y_rad: y.angle_rad,
+            command_stamp_ns: command.stamp_ns,
+            command_x_v: command.voltage_v[0],
+            command_y_v: command.voltage_v[1],
+        }
     }
 
     /// From the values of a message without rates.

@@ -40,8 +40,9 @@ impl Reference {
             ReferenceBy::Clock => clock_ns.rem_euclid(self.period_ns) as f64 / self.period_ns as f64,
         };
         let phase = TAU * of_period;
-        let common = self.amplitude_m * phase.cos();
-        [common * (2.0 * phase).sin(), common * phase.sin()]
+        // Not those of the C library, whose last digit is another one on another machine.
+        let common = self.amplitude_m * libm::cos(phase);
+        [common * libm::sin(2.0 * phase), common * libm::sin(phase)]
     }
 }
 

@@ -79,19 +79,7 @@ impl PlantLoop {
                 }
                 PlantOutput::Answers(newest) => newest.keep(&state, tick.began_ns),
             }
-            let [x, y] = axes;
-            let row = PlantRow {
-                step: tick.step,
-                scheduled_ns: tick.due_ns - shared.zero_ns,
-                actual_ns: state.stamp_ns,
-                x_m: x.position_m,
-                y_m: y.position_m,
-                angle_x_rad: x.angle_rad,
-                angle_y_rad: y.angle_rad,
-                command_stamp_ns: command.stamp_ns,
-                command_x_v: command.voltage_v[0],
-                command_y_v: command.voltage_v[1],
-            };
+            let row = state.row(&tick, shared.zero_ns, &command);
             if self.rows.push(row).is_err() {
                 shared.log_dropped.fetch_add(1, Ordering::Relaxed);
             }

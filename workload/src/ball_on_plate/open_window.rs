@@ -6,6 +6,7 @@ use record::{
     causes::with_causes,
     control_log::ControlRow,
     plant_log::PlantRow,
+    progress::Progress,
     settings::{
         LateTicks, ValiditySettings,
         validity::{self, Expectation},
@@ -15,7 +16,7 @@ use record::{
 
 use super::log_file::{ControlFile, PlantFile, RowCounts, Steps};
 use crate::capture::CapturedWindow;
-use crate::experiment::{ExperimentError, snapshot::Snapshot, window_folder::WindowFolder};
+use crate::experiment::{ExperimentError, Reporter, snapshot::Snapshot, window_folder::WindowFolder};
 use crate::virtual_hosts::News;
 
 /// What does not change from one window to the next.
@@ -260,6 +261,27 @@ impl OpenWindow {
             folder: self.folder,
             record,
         })
+    }
+}
+
+impl ClosedWindow {
+    /// Completes it on the disk, and tells of it if all its steps were done.
+    ///
+    /// # Errors
+    /// If something cannot be written.
+    pub fn seal(self, reporter: &Reporter) -> Result<(), ExperimentError> {
+        let Self { folder, record } = self;
+        let (window, verdict, complete) = (record.window, record.verdict, record.complete);
+        let reason = record.invalid_for();
+        folder.seal(record)?;
+        if complete {
+            reporter.say(&Progress::WindowComplete {
+                window,
+                verdict,
+                reason,
+            });
+        }
+        Ok(())
     }
 }
 

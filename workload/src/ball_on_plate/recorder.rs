@@ -456,19 +456,7 @@ impl<'a> Recorder<'a> {
 }
 
 fn seal_all(to_seal: &Receiver<ClosedWindow>, reporter: &Reporter) -> Result<(), ExperimentError> {
-    for ClosedWindow { folder, record } in to_seal {
-        let (window, verdict, complete) = (record.window, record.verdict, record.complete);
-        let reason = record.invalid_for();
-        folder.seal(record)?;
-        if complete {
-            reporter.say(&Progress::WindowComplete {
-                window,
-                verdict,
-                reason,
-            });
-        }
-    }
-    Ok(())
+    to_seal.iter().try_for_each(|window| window.seal(reporter))
 }
 
 #[cfg(test)]

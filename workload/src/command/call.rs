@@ -170,6 +170,7 @@ impl Bounds<'_> {
     pub fn wait(
         &self,
         running: &Running,
+        descendants: &Descendants,
         mut watch: impl FnMut(Duration),
     ) -> Result<Option<Outcome>, CommandError> {
         loop {
@@ -179,6 +180,7 @@ impl Bounds<'_> {
             if let Some(outcome) = self.exceeded() {
                 return Ok(Some(outcome));
             }
+            descendants.reap([running.pid()]);
             watch(self.began.elapsed());
         }
     }
@@ -191,7 +193,7 @@ impl Call<'_> {
     /// When it cannot be started or what it left behind does not end.
     pub fn run(&self, watch: impl FnMut(Duration)) -> Result<Ended, CommandError> {
         let running = self.program.start()?;
-        let cut = self.bounds.wait(&running, watch)?;
+        let cut = self.bounds.wait(&running, self.descendants, watch)?;
         Ended::of(&running, cut, self.descendants)
     }
 }
@@ -206,6 +208,8 @@ impl Ended {
         cut: Option<Outcome>,
         descendants: &Descendants,
     ) -> Result<Self, CommandError> {
+        // What has ended by itself is not left behind.
+        descendants.reap([running.pid()]);
         let ends = program::end(&[running], GRACE)?;
         let left_behind = descendants.end_all()?;
         let (end, usage) = ends.first().copied().ok_or(CommandError::NoWork)?;

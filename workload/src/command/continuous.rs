@@ -129,7 +129,9 @@ impl Runs<'_> {
             timeout: ends.saturating_duration_since(bounds.began),
             ..bounds
         };
-        match window.wait(running, |elapsed| self.say_running(number, elapsed))? {
+        match window.wait(running, self.descendants, |elapsed| {
+            self.say_running(number, elapsed)
+        })? {
             None => Ok(running.ended()?.map(Outcome::from)),
             // The window is over, and the command goes on.
             Some(Outcome::TimedOut) => Ok(None),

@@ -86,8 +86,7 @@ impl Growing {
         }
         if self.has_header && self.header.is_empty() {
             let mut line = Vec::new();
-            BufReader::new((&mut file).take(CommandExperiment::LONGEST_HEADER))
-                .read_until(b'\n', &mut line)?;
+            BufReader::new((&mut file).take(CommandExperiment::LONGEST_LINE)).read_until(b'\n', &mut line)?;
             if line.last() != Some(&b'\n') {
                 return Ok(Some(format!(
                     "`{}` has no first line that names columns",

@@ -151,7 +151,7 @@ impl NodesCall<'_> {
                 watch(elapsed);
             }
         };
-        let cut = self.until_end(uri.as_deref(), &mut started, &mut watch);
+        let cut = self.until_end(uri.as_deref(), &mut started, &descendants, &mut watch);
         let ended = self.end(started, &descendants);
         // Whatever became of the nodes.
         let stopped = master_runs.map_or(Ok(()), virtual_hosts::RunningMaster::stop);
@@ -172,6 +172,7 @@ impl NodesCall<'_> {
         &'n self,
         uri: Option<&str>,
         started: &mut Vec<Started<'n>>,
+        descendants: &Descendants,
         watch: &mut impl FnMut(Duration),
     ) -> Result<Option<Cut>, ExperimentError> {
         for node in &self.experiment.nodes {
@@ -202,6 +203,7 @@ impl NodesCall<'_> {
                 return Ok(None);
             }
             any_ends_within(&running, self.bounds.until_next_look())?;
+            descendants.reap(started.iter().map(|it| it.running.pid()));
             watch(self.bounds.began.elapsed());
         }
     }
@@ -279,6 +281,8 @@ impl NodesCall<'_> {
         descendants: &Descendants,
     ) -> Result<NodesEnded, ExperimentError> {
         let running: Vec<_> = started.iter().map(|it| &it.running).collect();
+        // What has ended by itself is not left behind.
+        descendants.reap(running.iter().map(|it| it.pid()));
         let ends = program::end(&running, GRACE)?;
         let mut ended = NodesEnded {
             left_behind: descendants.end_all()?,

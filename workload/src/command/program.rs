@@ -160,6 +160,12 @@ impl Program {
 }
 
 impl Running {
+    /// Its process.
+    #[must_use]
+    pub const fn pid(&self) -> Pid {
+        self.pid
+    }
+
     /// Whether a line of its output had the text.
     #[must_use]
     pub fn has_said(&self) -> bool {

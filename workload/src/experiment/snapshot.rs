@@ -38,6 +38,18 @@ impl Snapshot {
         }
     }
 
+    /// In virtual time, where nothing is counted but what goes through the links.
+    #[must_use]
+    pub fn in_virtual_time(now_ns: i64, unix_offset_ns: i64, links: Vec<LinkRecord>) -> Self {
+        Self {
+            monotonic_ns: now_ns,
+            unix_offset_ns,
+            counters: Counters::default(),
+            links,
+            releases: None,
+        }
+    }
+
     /// The wall clock at a time on the monotonic clock, if it is not set meanwhile.
     #[must_use]
     pub fn unix_ns(&self, monotonic_ns: i64) -> i64 {

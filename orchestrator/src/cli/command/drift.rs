@@ -1,16 +1,22 @@
 //! `matrix drift`: whether what is measured night after night has changed.
 
 use std::{
-    collections::BTreeSet,
+    collections::{BTreeMap, BTreeSet},
     env, fs, io,
     path::{Path, PathBuf},
     time::{Duration, SystemTime},
 };
 
 use clap::Args;
-use record::{causes::with_causes, exit::matrix::Exit, quantity::Length, run_directory::Place};
-use reports::drift::{
-    self, Acknowledgements, Drift, Metric, Night, Settings, Verdict, contrasts::NightContrasts,
+use record::{
+    causes::with_causes,
+    exit::matrix::Exit,
+    quantity::Length,
+    run_directory::{Place, RunDirectory},
+};
+use reports::{
+    drift::{self, Acknowledgements, Drift, Metric, Night, Settings, Verdict, contrasts::NightContrasts},
+    explain::{Effort, Found, Source, explain},
 };
 
 use crate::{
@@ -81,6 +87,7 @@ pub fn execute(arguments: &DriftArguments) -> Result<Exit, CommandError> {
     let begun = SystemTime::now();
     let Chosen {
         nights,
+        paths,
         judge,
         beside,
         left_out,
@@ -112,7 +119,7 @@ pub fn execute(arguments: &DriftArguments) -> Result<Exit, CommandError> {
         found = found.without_the_night(&reason);
     }
     let newest = newest.map(|night| night.created.as_str());
-    let found = match arguments.max_age {
+    let mut found = match arguments.max_age {
         Some(max_age) if is_older(newest, begun, max_age) => found.without_the_night(&format!(
             "the newest run is of {}, more than {} ago",
             newest.unwrap_or_default(),
@@ -120,6 +127,8 @@ pub fn execute(arguments: &DriftArguments) -> Result<Exit, CommandError> {
         )),
         _ => found,
     };
+    found
+        .explain(|scenario, runs, asked| explained(&paths, scenario, runs, Effort::default().divided(asked)));
     let contrasts = arguments
         .between_scenarios
         .then(|| NightContrasts::of(&nights, settings.alpha, settings.seed));
@@ -136,6 +145,8 @@ pub fn execute(arguments: &DriftArguments) -> Result<Exit, CommandError> {
 struct Chosen {
     /// The one that is judged is the last.
     nights: Vec<Night>,
+    /// The run directory of each, by the run's name.
+    paths: BTreeMap<String, PathBuf>,
     judge: fn(&[Night], &Settings) -> Drift,
     /// The file of what is known, beside the run directories. It may have come with them.
     beside: Option<Place>,
@@ -154,12 +165,15 @@ impl Chosen {
     /// One run that was killed as it began must not end every night's check: what cannot be read is left out and said, and if it
     /// is the newest, nothing is known of tonight.
     fn of_history(folder: &Path) -> Result<Self, CommandError> {
-        let mut nights = Vec::new();
+        let (mut nights, mut paths) = (Vec::new(), BTreeMap::new());
         let mut left_out = LeftOut::default();
         for path in runs_in(folder)? {
             left_out.newest = None;
             match drift::digest::night_of(&path) {
-                Ok(night) => nights.push(night),
+                Ok(night) => {
+                    paths.insert(night.run.clone(), path);
+                    nights.push(night);
+                }
                 Err(error) => {
                     let what = format!("{} cannot be read: {}", path.display(), with_causes(&error));
                     left_out
@@ -171,6 +185,7 @@ impl Chosen {
         }
         Ok(Self {
             nights: in_order(nights),
+            paths,
             judge: drift::history::judge,
             beside: Some(Place::root(folder).join(KNOWN)).filter(Place::exists),
             left_out,
@@ -178,15 +193,29 @@ impl Chosen {
     }
 
     fn to_compare(baseline: &[PathBuf], candidate: Option<&PathBuf>) -> Result<Self, CommandError> {
-        let mut nights = in_order(read(baseline)?);
-        nights.extend(read(candidate)?);
+        let mut paths = BTreeMap::new();
+        let mut nights = in_order(read(baseline, &mut paths)?);
+        nights.extend(read(candidate, &mut paths)?);
         Ok(Self {
             nights,
+            paths,
             judge: drift::baseline::judge,
             beside: None,
             left_out: LeftOut::default(),
         })
     }
+}
+
+/// What a change of a scenario's tracking error from one run to another comes from.
+fn explained(paths: &BTreeMap<String, PathBuf>, scenario: &str, runs: [&str; 2], effort: Effort) -> Found {
+    let attempt = || {
+        let [before, since] = runs.map(|run| RunDirectory::new(paths.get(run).cloned().unwrap_or_default()));
+        let run_before = reports::load(before.path())?;
+        let run_since = reports::load(since.path())?;
+        let sides = [Source::of(&before, &run_before)?, Source::of(&since, &run_since)?];
+        explain(sides.each_ref().map(|side| (side, scenario)), effort)
+    };
+    Found::of(attempt())
 }
 
 /// A run that is there twice would say that nights differ less than they do, and of itself that nothing changed.
@@ -242,9 +271,16 @@ fn runs_in(folder: &Path) -> Result<Vec<PathBuf>, CommandError> {
     }
 }
 
-fn read<'a>(runs: impl IntoIterator<Item = &'a PathBuf>) -> Result<Vec<Night>, CommandError> {
+fn read<'a>(
+    runs: impl IntoIterator<Item = &'a PathBuf>,
+    paths: &mut BTreeMap<String, PathBuf>,
+) -> Result<Vec<Night>, CommandError> {
     runs.into_iter()
-        .map(|path| drift::digest::night_of(path).map_err(|error| unreadable(&error)))
+        .map(|path| {
+            let night = drift::digest::night_of(path).map_err(|error| unreadable(&error))?;
+            paths.insert(night.run.clone(), path.clone());
+            Ok(night)
+        })
         .collect()
 }
 

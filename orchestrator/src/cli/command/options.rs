@@ -1,8 +1,8 @@
 //! What several commands take.
 
-use std::path::Path;
+use std::path::{Path, PathBuf};
 
-use clap::Args;
+use clap::{Args, ValueHint};
 
 use crate::{
     cli::completion,
@@ -28,6 +28,12 @@ pub struct SelectionArguments {
     /// Seed of the order in which scenarios run.
     #[arg(long, value_name = "N", default_value_t = 0)]
     pub seed: u64,
+    /// Compute all scenarios in virtual time on this machine, and measure none.
+    #[arg(long)]
+    pub simulated: bool,
+    /// Put each simulated scenario on the platform that `DIR/SLUG.yaml` describes.
+    #[arg(long, value_name = "DIR", value_hint = ValueHint::DirPath)]
+    pub platforms: Option<PathBuf>,
 }
 
 impl SelectionArguments {
@@ -43,6 +49,8 @@ impl SelectionArguments {
             },
             order: self.order,
             seed: self.seed,
+            simulated: self.simulated,
+            platforms: self.platforms.as_deref(),
         }
     }
 }

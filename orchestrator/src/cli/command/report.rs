@@ -15,7 +15,9 @@ use record::{
 use reports::{
     Run,
     analysis::combination::{Repeated, combine},
+    explain::{Effort, Source, explain_pairs},
     redaction::Redaction,
+    replay::replay,
 };
 
 use crate::{
@@ -75,6 +77,12 @@ pub struct ReportArguments {
     /// as the matrix file spells it.
     #[arg(long, value_name = "PAIRS")]
     figures: Option<String>,
+    /// Say of every pair that differs what its difference comes from, as `matrix explain` does. Takes some 30 s.
+    #[arg(long, conflicts_with = "redact")]
+    explain: bool,
+    /// Check each window against itself, as `matrix replay` does. Takes a second or two for each 1000 s of a scenario.
+    #[arg(long, conflicts_with = "redact")]
+    replay: bool,
     #[command(flatten)]
     pub(crate) output: OutputArguments,
 }
@@ -152,6 +160,16 @@ impl ReportArguments {
 /// # Errors
 /// When a run directory cannot be read, runs do not fit together or the report folder cannot be written.
 pub fn execute(arguments: &ReportArguments) -> Result<Exit, CommandError> {
+    let only = match arguments.runs.as_slice() {
+        [only] => Some(RunDirectory::new(only)),
+        _ if arguments.explain || arguments.replay => {
+            return Err(wrong(
+                "`--explain` and `--replay` are of one run directory".to_owned(),
+                "leave them out, or give one run directory alone",
+            ));
+        }
+        _ => None,
+    };
     let mut run = read(arguments)?;
     if let Some(folder) = &arguments.into {
         ensure_may_hold_a_report(folder)?;
@@ -159,7 +177,18 @@ pub fn execute(arguments: &ReportArguments) -> Result<Exit, CommandError> {
     }
     let options = arguments.of_samples().into_iter().chain(arguments.of_scenarios());
     let settings = arguments.settings(&run, options)?;
-    let report = reports::analyse(&run, reports::input::traffic::read(&run), &settings);
+    let mut report = reports::analyse(&run, reports::input::traffic::read(&run), &settings);
+    if let Some(directory) = &only {
+        if arguments.explain {
+            let source = Source::of(directory, &run).map_err(|error| unreadable(&error))?;
+            report.causes = explain_pairs(&source, report.differing_pairs(), Effort::default());
+        }
+        if arguments.replay {
+            let replayed = replay(directory)
+                .map_err(|error| CommandError::new(Exit::Wrong, &error, Some(error.hint())))?;
+            report.replays = replayed.scenarios;
+        }
+    }
     reports::write(&run, &report)
         .map_err(|error| CommandError::new(Exit::Infrastructure, &error, Some(error.hint().to_owned())))?;
     if arguments.output.json {

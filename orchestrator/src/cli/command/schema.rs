@@ -2,14 +2,14 @@
 
 use clap::{Args, ValueEnum, builder::PossibleValue};
 use record::exit::matrix::Exit;
-use reports::{ReportDocument, drift::DriftDocument, messages::Messages};
+use reports::{ReportDocument, drift::DriftDocument, messages::Messages, replay::ReplayDocument};
 use schemars::{JsonSchema, generate::SchemaSettings};
 use serde_json::Value;
 
 use super::{
     calibrate::CalibrateDocument, check::CheckDocument, clean::CleanDocument, doctor::DoctorDocument,
-    ks::KsDocument, plan::PlanDocument, redact::RedactDocument, resume::ResumeDocument,
-    status::StatusDocument,
+    explain::ExplainDocument, ks::KsDocument, plan::PlanDocument, redact::RedactDocument,
+    resume::ResumeDocument, status::StatusDocument,
 };
 use crate::{
     cli::terminal::{self, ErrorDocument},
@@ -80,6 +80,16 @@ const SCHEMAS: &[Schema] = &[
         name: "messages",
         of: "`matrix messages --json`",
         make: output::<Messages>,
+    },
+    Schema {
+        name: "explain",
+        of: "`matrix explain --json`",
+        make: output::<ExplainDocument<'static>>,
+    },
+    Schema {
+        name: "replay",
+        of: "`matrix replay --json`",
+        make: output::<ReplayDocument>,
     },
     Schema {
         name: "calibrate",

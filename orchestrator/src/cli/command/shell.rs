@@ -138,7 +138,7 @@ fn wrong(what: String, hint: &str) -> CommandError {
 /// The environment of a scenario of a run that can be entered, if there is one.
 fn look(directory: &RunDirectory, wanted: &str) -> Result<Option<Left>, CommandError> {
     let recorded = RecordedRun::read(directory)?;
-    let is_it = |planned: &&PlannedScenario| planned.id == *wanted || planned.slug == *wanted;
+    let is_it = |planned: &&PlannedScenario| planned.is_called(wanted);
     let Some(planned) = recorded.plan.scenarios.iter().find(is_it).cloned() else {
         return Ok(None);
     };

@@ -16,6 +16,7 @@ use crate::{
 
 /// The kind of an environment's folder, with which its process ends.
 pub(crate) const DIRECTORY: &str = "directory";
+const PROCESS: &str = "process";
 
 /// The environments of one provider on one host: a folder each, and a process that the agent keeps.
 pub struct HostProcesses {
@@ -44,6 +45,14 @@ impl HostProcesses {
             kind: kind.to_owned(),
             name: name.to_owned(),
         }
+    }
+
+    /// What an environment is, before it is made: its folder and its process.
+    #[must_use]
+    pub fn resources(&self, environment: &str) -> Vec<Resource> {
+        [DIRECTORY, PROCESS]
+            .map(|kind| self.resource(kind, environment))
+            .into()
     }
 
     /// The environment's folder.

@@ -237,13 +237,13 @@ async fn events(platform: impl Provider + 'static) -> Vec<Event> {
         keep: Keep::Never,
         this_machine: RwLock::default(),
     };
-    let mut lease = None;
+    let lease = Mutex::new(None);
     let unit = Unit {
         planned: &plan.scenarios[0],
         round: 1,
     };
-    run.unit(unit, &mut lease).await.unwrap();
-    lease.unwrap().give_back().await;
+    run.unit(unit, &lease).await.unwrap();
+    lease.into_inner().unwrap().give_back().await;
     drop(run);
     kept.iter().collect()
 }

@@ -3,8 +3,11 @@
 use serde::Serialize;
 use serde_json::{Value, json};
 
-use crate::drift::{
-    Acknowledgement, Cause, Change, Drift, Finding, Judgement, Verdict, contrasts::NightContrastsEntry,
+use crate::{
+    drift::{
+        Acknowledgement, Cause, Change, Drift, Finding, Judgement, Verdict, contrasts::NightContrastsEntry,
+    },
+    explain::Found,
 };
 
 /// Whether what is measured night after night has changed: the output of `matrix drift --json`.
@@ -71,6 +74,10 @@ struct FindingEntry<'a> {
     windows: Option<ChangedWindows>,
     /// What else changed.
     cause: CauseEntry<'a>,
+    /// What the change comes from, as `matrix explain --json` has it, or why that cannot be said; only of a change of the tracking
+    /// error that is to be told of.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    explained: Option<&'a Found>,
     /// Who acknowledged the change; null if nobody did.
     acknowledged: Option<&'a Acknowledgement>,
     /// Whether the change is smaller than what was declared to matter.
@@ -215,6 +222,7 @@ fn finding(finding: &Finding) -> FindingEntry<'_> {
             kind: finding.cause.name(),
             fields,
         },
+        explained: finding.explained.as_ref(),
         acknowledged: finding.acknowledged.as_ref(),
         immaterial: finding.immaterial,
         withdrawn: finding.withdrawn.as_deref(),

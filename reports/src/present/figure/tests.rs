@@ -10,7 +10,11 @@ use record::{
 use svg2pdf::usvg::{Group, Node, Rect};
 
 use super::*;
-use crate::{analyse, load};
+use crate::{
+    analyse,
+    explain::{ExplainedPair, Explanation, Part, Unit},
+    load,
+};
 
 /// Smallest letters that papers take.
 const SMALLEST_PT: f64 = 7.0;
@@ -33,8 +37,36 @@ fn figures() -> Vec<Figure> {
         family: Family::Pairs(vec![("a".to_owned(), "b".to_owned())]),
         ..run.manifest.report.clone()
     };
-    let report = analyse(&run, Traffic::default(), &settings);
+    let mut report = analyse(&run, Traffic::default(), &settings);
+    report.causes = vec![explained()];
     draw(&run, &report).unwrap()
+}
+
+fn explained() -> ExplainedPair {
+    let part = |words: &str, part_m: f64| Part {
+        factor: words.to_owned(),
+        words: words.to_owned(),
+        part_m,
+        interval_m: [part_m - 1e-3, part_m + 1e-3],
+        part_d: 0.1,
+    };
+    ExplainedPair::from(Explanation {
+        runs: ["run", "run"].map(str::to_owned),
+        scenarios: ["a", "b"].map(str::to_owned),
+        difference_m: 0.004,
+        difference_interval_m: None,
+        difference_d: 0.2,
+        simulated_m: 0.003,
+        simulated_interval_m: [0.002, 0.004],
+        simulated_d: 0.2,
+        parts: vec![part("late ticks", -0.012), part("delays of messages", 0.015)],
+        unexplained_m: 0.001,
+        unexplained_interval_m: None,
+        unit: Unit::Simulations,
+        units: 1,
+        simulations: [8, 20],
+        remarks: Vec::new(),
+    })
 }
 
 fn texts(group: &Group, found: &mut Vec<(String, Rect)>) {

@@ -21,7 +21,11 @@ use self::{
     packets::{PacketCount, PacketExplanation, ScenarioPackets},
     replicates::ReplicatesEntry,
 };
-use crate::analysis::{comparison::Comparison, conclusion::Stratum, report::Report};
+use crate::{
+    analysis::{comparison::Comparison, conclusion::Stratum, report::Report},
+    explain::ExplainedPair,
+    replay::ScenarioReplay,
+};
 
 /// What a run showed: `report.json` of a run directory, and the output of `matrix report --json`.
 #[derive(Serialize)]
@@ -34,7 +38,7 @@ pub struct ReportDocument<'a> {
     pub created: &'a str,
     /// The run directories that the report is made of.
     pub runs: Vec<RunEntry<'a>>,
-    /// Whether any number was made up by the provider `fake`.
+    /// Whether any number was computed and not measured.
     pub simulated: bool,
     /// The significance level: a comparison with a smaller p is rejected.
     pub alpha: f64,
@@ -83,6 +87,12 @@ pub struct ReportDocument<'a> {
     pub packet_counts: Vec<PacketCount<'a>>,
     /// Which quantities of the packets go with the differences in error.
     pub packet_explanations: Vec<PacketExplanation<'a>>,
+    /// Why pairs that differ do; only with `--explain`.
+    #[serde(skip_serializing_if = "<[_]>::is_empty")]
+    pub causes: &'a [ExplainedPair],
+    /// By how much each window differs from what its own recorded times give; only with `--replay`.
+    #[serde(skip_serializing_if = "<[_]>::is_empty")]
+    pub replays: &'a [ScenarioReplay],
     /// Every two windows; empty if there are more pairs than are listed.
     #[cfg_attr(feature = "schema", schemars(with = "Vec<ComparisonEntry<'static>>"))]
     pub comparisons: ComparisonList<'a>,
@@ -139,7 +149,7 @@ pub struct ScenarioEntry<'a> {
     /// The experiment's name; only of a command.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub experiment: Option<&'a str>,
-    /// Whether its numbers were made up by the provider `fake`.
+    /// Whether its numbers were computed and not measured.
     pub simulated: bool,
     /// `completed`, `failed` (the workload reported a failure), `errored` (the infrastructure failed), `infeasible`,
     /// `interrupted`, `not-selected`, `unfinished` (it started, and no end is recorded) or `not-started`.

@@ -69,7 +69,7 @@ pub(super) fn render(presented: &Presentation<'_>, figures: &[Figure]) -> String
                 }
                 (contents())
                 main {
-                    (section("shifts", "How large the differences are", &drawings(figures, &[Kind::Forest], "No pair of scenarios has data.")))
+                    (section("shifts", "How large the differences are", &drawings(figures, &[Kind::Forest, Kind::Causes], "No pair of scenarios has data.")))
                     (section("matrix", "The matrix", &matrix::draw(report)))
                     (section("heatmap", "Every comparison", &heatmap::draw(report)))
                     section #tables {

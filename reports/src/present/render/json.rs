@@ -109,6 +109,8 @@ pub(super) fn document<'a>(page: &'a Presentation<'a>) -> ReportDocument<'a> {
         packets: report.traffic.scenarios.iter().map(packets).collect(),
         packet_counts: report.traffic_tallies.iter().flat_map(packet_counts).collect(),
         packet_explanations: report.explanations.iter().map(explanation).collect(),
+        causes: &report.causes,
+        replays: &report.replays,
         comparisons: ComparisonList(report),
     }
 }

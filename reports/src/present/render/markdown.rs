@@ -74,7 +74,7 @@ fn forest(text: &mut String, report: &Report) {
             &wrapped(
                 &plain(&format!(
                     "{} Here: `=` each pair by itself, `-` all at once, `o` the shift, `|` none, `:` the margin.",
-                    forest.caption()
+                    forest.caption
                 )),
                 "",
                 "",

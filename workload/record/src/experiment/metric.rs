@@ -44,6 +44,8 @@ pub enum Compare {
 impl Metric {
     /// A unit is no longer, in bytes.
     const LONGEST_UNIT: usize = 20;
+    /// What `matrix drift` follows of every scenario beside its metrics: the time that it took to make its environment.
+    pub const PROVISIONING: &str = "provisioning";
     /// A column's name is no longer, in bytes.
     const LONGEST_COLUMN: usize = 200;
 
@@ -51,6 +53,10 @@ impl Metric {
     pub(super) fn problem(&self) -> Option<(&'static str, String, &'static str)> {
         let name = &self.name;
         let has_controls = |text: &str| text.chars().any(char::is_control);
+        if name == Self::PROVISIONING {
+            let what = format!("`{name}` is what `matrix drift` calls the time to make an environment");
+            return Some(("name", what, "give the metric another name"));
+        }
         if self.compare == Compare::Identical && self.column.is_some() {
             let what = format!("`{name}` compares files byte for byte, in which a column means nothing");
             return Some(("column", what, "take `column` out, or write `compare: ks`"));
@@ -124,6 +130,7 @@ mod tests {
     #[rstest]
     #[case(Metric { compare: Compare::Identical, ..metric() }, "in which a column means nothing")]
     #[case(Metric { compare: Compare::Identical, column: None, ..metric() }, "which have no unit")]
+    #[case(Metric { name: "provisioning".to_owned(), ..metric() }, "the time to make an environment")]
     #[case(Metric { equivalence_margin: Some(-1.0), ..metric() }, "is no shift")]
     #[case(
         Metric { compare: Compare::Identical, column: None, unit: String::new(), equivalence_margin: Some(1.0), ..metric() },

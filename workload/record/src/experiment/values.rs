@@ -1,8 +1,8 @@
 //! The values of a metric, out of the file that the command wrote. The main function is [`read_values`].
 
-use std::io::Read;
+use std::io::{self, Read};
 
-use super::Metric;
+use super::{CommandExperiment, Metric};
 
 /// A window has no more values: 80 MB of them.
 pub const MOST_VALUES: usize = 10_000_000;
@@ -19,7 +19,7 @@ pub enum ValueError {
         file: String,
         /// The column that is wanted.
         column: String,
-        /// Those that there are.
+        /// The first of those that there are.
         there: Vec<String>,
     },
     /// Two columns have the name.
@@ -84,8 +84,10 @@ pub enum ValueError {
     },
 }
 
+/// So many columns of a file are named that has not the wanted one.
+const SHOWN: usize = 10;
+
 fn shown_columns(there: &[String]) -> String {
-    const SHOWN: usize = 10;
     let shown: Vec<String> = there
         .iter()
         .take(SHOWN)
@@ -114,7 +116,7 @@ pub fn read_values(metric: &Metric, from: impl Read) -> Result<Vec<f64>, ValueEr
         .has_headers(metric.column.is_some())
         .flexible(true)
         .trim(csv::Trim::All)
-        .from_reader(from);
+        .from_reader(BoundedLines { from, of_line: 0 });
     let at = match &metric.column {
         None => 0,
         Some(column) => {
@@ -137,6 +139,7 @@ pub fn read_values(metric: &Metric, from: impl Read) -> Result<Vec<f64>, ValueEr
                         column: column.clone(),
                         there: there
                             .iter()
+                            .take(SHOWN + 1)
                             .map(|name| String::from_utf8_lossy(name).into_owned())
                             .collect(),
                     });
@@ -192,6 +195,34 @@ pub fn read_values(metric: &Metric, from: impl Read) -> Result<Vec<f64>, ValueEr
     }
 }
 
+/// A reader that refuses a line of more than [`CommandExperiment::LONGEST_LINE`], so that no file makes a reader of its rows keep more.
+struct BoundedLines<R> {
+    from: R,
+    /// Bytes since the last line began.
+    of_line: u64,
+}
+
+impl<R: Read> Read for BoundedLines<R> {
+    fn read(&mut self, buffer: &mut [u8]) -> io::Result<usize> {
+        let read = self.from.read(buffer)?;
+        for part in buffer
+            .get(..read)
+            .unwrap_or_default()
+            .split_inclusive(|byte| *byte == b'\n')
+        {
+            self.of_line += part.len() as u64;
+            if self.of_line > CommandExperiment::LONGEST_LINE {
+                let longest = CommandExperiment::LONGEST_LINE;
+                return Err(io::Error::other(format!("a line has more than {longest} bytes")));
+            }
+            if part.ends_with(b"\n") {
+                self.of_line = 0;
+            }
+        }
+        Ok(read)
+    }
+}
+
 #[cfg(test)]
 mod tests {
     use rstest::rstest;
@@ -199,15 +230,18 @@ mod tests {
     use super::{super::Compare, *};
 
     fn read(column: Option<&str>, text: impl AsRef<[u8]>) -> Result<Vec<f64>, String> {
-        let metric = Metric {
+        read_values(&metric(column), text.as_ref()).map_err(|error| error.to_string())
+    }
+
+    fn metric(column: Option<&str>) -> Metric {
+        Metric {
             name: "m".to_owned(),
             unit: String::new(),
             from: "errors.csv".to_owned(),
             column: column.map(str::to_owned),
             compare: Compare::Ks,
             equivalence_margin: None,
-        };
-        read_values(&metric, text.as_ref()).map_err(|error| error.to_string())
+        }
     }
 
     #[rstest]
@@ -262,6 +296,26 @@ mod tests {
         #[case] words: &str,
     ) {
         assert_eq!(read(column, text).unwrap_err(), words);
+    }
+
+    #[rstest]
+    #[case::header(Some("b"), ",".repeat(2 << 20))]
+    #[case::row(Some("a"), format!("a\n1\n{}", "2".repeat(2 << 20)))]
+    fn a_line_without_an_end_is_refused(#[case] column: Option<&str>, #[case] text: String) {
+        let metric = metric(column);
+        let error = read_values(&metric, text.as_bytes()).unwrap_err();
+        let causes = format!("{error}: {}", std::error::Error::source(&error).unwrap());
+        assert_eq!(
+            causes,
+            "errors.csv cannot be read: a line has more than 1048576 bytes"
+        );
+    }
+
+    #[test]
+    fn a_file_of_long_lines_is_read() {
+        let row = format!("1,{}\n", "x".repeat(1 << 19));
+        let text = format!("a,b\n{}", row.repeat(4));
+        assert_eq!(read(Some("a"), text).unwrap(), [1.0; 4]);
     }
 
     #[test]

@@ -5,7 +5,7 @@ use std::collections::BTreeSet;
 use serde::{Deserialize, Serialize};
 
 use crate::{
-    axis::axis_text,
+    axis::{NATIVE, SIMULATED, VIRTUALIZATION, axis_text},
     name::{is_name, name, name_if_any, names},
     settings::{Settings, recorded},
     window::Impossible,
@@ -54,7 +54,7 @@ pub struct PlannedScenario {
     /// order then, and has no outcome.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub not_selected: Option<String>,
-    /// Whether its numbers are made up by its provider, and say nothing about any platform. Runs of earlier versions do not
+    /// Whether its numbers are computed and not measured, and say nothing about any platform. Runs of earlier versions do not
     /// say so: ask `reports::input::run::ScenarioRun::is_simulated`.
     #[serde(default, skip_serializing_if = "std::ops::Not::not")]
     pub simulated: bool,
@@ -125,6 +125,21 @@ impl PlannedScenario {
     #[must_use]
     pub const fn runs(&self) -> bool {
         self.feasible && self.not_selected.is_none()
+    }
+
+    /// What makes its environments: the provider that its axis `virtualization` names, unless it is computed.
+    #[must_use]
+    pub fn provider(&self) -> String {
+        match &self.settings.simulation {
+            Some(_) => SIMULATED.to_owned(),
+            None => self.axis(VIRTUALIZATION).unwrap_or_else(|| NATIVE.to_owned()),
+        }
+    }
+
+    /// Whether that is its letter or its slug.
+    #[must_use]
+    pub fn is_called(&self, name: &str) -> bool {
+        self.id == name || self.slug == name
     }
 
     /// The rounds in which it has an environment, from 1.

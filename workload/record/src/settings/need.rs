@@ -30,10 +30,14 @@ struct CaptureNeed {
 }
 
 impl Need {
-    /// Of settings; none of a command on no network, which finds what it needs in the user's image or on the machine, or says so.
+    /// Of settings; none of a command on no network, which finds what it needs in the user's image or on the machine, or says so, and
+    /// none of what is computed.
     #[must_use]
     pub fn of(settings: &Settings) -> Option<Self> {
-        settings.network_in_use().map(|_| Self::of_the_network(settings))
+        let network = settings
+            .network_in_use()
+            .filter(|_| settings.simulation.is_none());
+        network.map(|_| Self::of_the_network(settings))
     }
 
     /// Of settings, as far as they are of an emulated network and what is on it.

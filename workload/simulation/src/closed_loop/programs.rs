@@ -5,6 +5,7 @@ use std::collections::VecDeque;
 
 use record::{
     control_log::ControlRow,
+    plant_log::PlantRow,
     settings::{Messages, PlantSends},
 };
 
@@ -32,7 +33,15 @@ pub(super) enum Message {
     Unreadable,
 }
 
-fn publication(encoded: &[u8], message: Option<Message>) -> Publication<Message> {
+fn publication(
+    encoded: &[u8],
+    message: Option<Message>,
+    written: &mut Option<Vec<u8>>,
+) -> Publication<Message> {
+    if let Some(written) = written {
+        written.extend(u32::try_from(encoded.len()).unwrap_or(u32::MAX).to_le_bytes());
+        written.extend(encoded);
+    }
     Publication {
         message: message.unwrap_or(Message::Unreadable),
         bytes: LENGTH_BYTES + encoded.len() as u64,
@@ -51,13 +60,17 @@ pub(super) struct PlantProgram {
     pub command: CommandMessage,
     /// What its newest tick says of it.
     pub newest: StateMessage,
+    /// What it did and nobody has taken yet, if anybody is to.
+    pub rows: Option<VecDeque<PlantRow>>,
+    /// What it wrote on its connection and nobody has taken yet, if anybody is to.
+    pub written: Option<Vec<u8>>,
 }
 
 impl PlantProgram {
     fn publish(&mut self, state: &StateMessage, published: &mut Vec<Publication<Message>>) {
         let encoded = self.encoder.encode(state);
         let received = StateMessage::decode(self.messages, encoded).map(Message::State);
-        published.push(publication(encoded, received));
+        published.push(publication(encoded, received, &mut self.written));
     }
 }
 
@@ -74,6 +87,9 @@ impl Program<Message> for PlantProgram {
             axes: self.plant.tick(self.command.voltage_v),
         };
         self.newest = state;
+        if let Some(rows) = &mut self.rows {
+            rows.push_back(state.row(&tick, self.zero_ns, &self.command));
+        }
         if self.sends == PlantSends::OnTick {
             self.publish(&state, published);
         }
@@ -108,6 +124,8 @@ pub(super) struct ControllerProgram {
     pub states_received: u64,
     /// What it did and nobody has taken yet.
     pub rows: VecDeque<ControlRow>,
+    /// What it wrote on its connection and nobody has taken yet, if anybody is to.
+    pub written: Option<Vec<u8>>,
 }
 
 impl Program<Message> for ControllerProgram {
@@ -128,7 +146,7 @@ impl Program<Message> for ControllerProgram {
             voltage_v: first.unwrap_or(action.computed_v),
         });
         let received = CommandMessage::decode(self.messages, encoded).map(Message::Command);
-        published.push(publication(encoded, received));
+        published.push(publication(encoded, received, &mut self.written));
         let (state, received_ns) = self.received.unwrap_or_default();
         self.rows.push_back(ControlRow {
             step: tick.step,

@@ -1,6 +1,6 @@
 //! The closed loop against an independent simulation, and against what its order of things gives by hand.
 
-use record::{quantity::TimeSpan, settings::Dynamics};
+use record::{platform_model::Quantiles, quantity::TimeSpan, settings::Dynamics};
 use rstest::rstest;
 
 use super::*;
@@ -163,15 +163,20 @@ fn a_state_arrives_as_old_as_the_delay_and_the_schedule_make_it() {
     assert_eq!((rows[3].scheduled_ns, rows[3].state_seq), (60_000_000, 3));
 }
 
+fn often_late(share: f64, length_ms: u64) -> TickLateness {
+    TickLateness {
+        late: Quantiles::sometimes(share, TimeSpan::from_millis(length_ms)),
+        ..TickLateness::default()
+    }
+}
+
 #[test]
 fn the_same_seed_gives_the_same_run_and_another_does_not() {
     let settings = Settings::default();
     let run = |seed| -> Vec<SimulatedStep> {
         let platform = Platform {
-            stalls: Stalls {
-                share: 0.01,
-                length: Duration::from_millis(50),
-            },
+            controller: often_late(0.01, 50),
+            plant: often_late(0.01, 50),
             ..Platform::ideal(&settings)
         };
         Simulation::new(&settings, &platform, seed).take(500).collect()
@@ -219,10 +224,8 @@ fn a_stall_of_five_steps_loses_the_author_s_ticks_and_none_of_the_robust() {
     let rows = |dynamics| -> Vec<ControlRow> {
         let settings = Settings::of(dynamics);
         let platform = Platform {
-            stalls: Stalls {
-                share: 0.02,
-                length: Duration::from_millis(100),
-            },
+            controller: often_late(0.02, 100),
+            plant: often_late(0.02, 100),
             ..Platform::ideal(&settings)
         };
         Simulation::new(&settings, &platform, 5)

@@ -3,20 +3,22 @@
 use std::{collections::VecDeque, time::Duration};
 
 use oorandom::Rand64;
-use record::settings::NetworkSettings;
+use record::{platform_model::Quantiles, settings::NetworkSettings};
 
 use super::{
     jiffies::{DEBIAN_HZ, Jiffies},
-    path::Path,
+    path::{Passes, Path},
     tcp::{
-        Counts, Read, SenderSettings, Stream,
+        Counts, Read, Reader, SenderSettings, Stream,
         segment::{Ack, Data},
     },
 };
-use crate::link::Impairment;
+use crate::{link::Impairment, stalls::Stalls};
 
 /// The wheel's third level has ticks of 64 jiffies: clocks that differ by less than so many are different.
 const CLOCK_PHASES: u64 = 64 * 1_000_000_000 / DEBIAN_HZ as u64;
+
+const MILLISECOND_NS: i64 = 1_000_000;
 
 /// Who sends and receives.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -48,7 +50,7 @@ impl Peer {
 }
 
 /// What the messages go through.
-#[derive(Debug, Clone, Copy, PartialEq)]
+#[derive(Debug, Clone, PartialEq)]
 pub struct Conditions {
     /// Every link's every end.
     pub impairment: Impairment,
@@ -57,7 +59,7 @@ pub struct Conditions {
     /// How long a packet takes through both hosts' kernels and whatever carries it, beside what the links delay.
     pub stack_ns: i64,
     /// How long a program takes from a segment's arrival to having read it.
-    pub reads_after_ns: i64,
+    pub reading: Quantiles,
 }
 
 impl Conditions {
@@ -68,7 +70,7 @@ impl Conditions {
             impairment: Impairment::from(&settings.link()),
             nagle: true,
             stack_ns: 0,
-            reads_after_ns: 0,
+            reading: Quantiles::default(),
         }
     }
 
@@ -79,7 +81,7 @@ impl Conditions {
             impairment: Impairment::NONE,
             nagle: false,
             stack_ns: i64::try_from(one_way.as_nanos()).unwrap_or(i64::MAX / 8),
-            reads_after_ns: 0,
+            reading: Quantiles::default(),
         }
     }
 }
@@ -105,19 +107,77 @@ pub struct Exchange<M> {
     paths: [Path<Packet>; 2],
     streams: [Stream<M>; 2],
     deliveries: VecDeque<Delivery<M>>,
+    /// Packets so far.
+    packets: u64,
+    /// The newest clock that came with an acknowledgement to each peer.
+    clocks_ms: [Option<i64>; 2],
+    /// What captures have, if there are any, until it is taken.
+    heard: Option<VecDeque<Heard>>,
 }
 
-/// What a host sends, with whose messages it is about.
-#[derive(Debug, Clone, Copy)]
-enum Packet {
-    Data(Peer, Data),
-    Ack(Peer, Ack),
+/// What a host sends.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Packet {
+    /// Counts the packets of both hosts, from 0: one that is sent again has another.
+    pub number: u64,
+    /// Whose messages it is about.
+    pub of: Peer,
+    /// When it was sent.
+    pub sent_ns: i64,
+    /// The newest clock of the other host that the sender had (RFC 7323, TSecr).
+    pub echo_ms: Option<i64>,
+    /// What is in it.
+    pub segment: Segment,
+}
+
+/// What is in a packet.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Segment {
+    /// Bytes of messages.
+    Data(Data),
+    /// That some have come.
+    Ack(Ack),
+}
+
+impl Packet {
+    /// Who sent it.
+    #[must_use]
+    pub const fn from(&self) -> Peer {
+        match self.segment {
+            Segment::Data(_) => self.of,
+            Segment::Ack(_) => self.of.other(),
+        }
+    }
+
+    fn frame_bytes(&self) -> usize {
+        match &self.segment {
+            Segment::Data(data) => data.frame_bytes(),
+            Segment::Ack(ack) => ack.frame_bytes(),
+        }
+    }
+}
+
+/// A packet that left a host or came to it, as a capture there has it.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Heard {
+    /// Where.
+    pub at: Peer,
+    /// When.
+    pub at_ns: i64,
+    /// The packet.
+    pub packet: Packet,
 }
 
 impl<M> Exchange<M> {
     /// Nothing under way, at time zero. The same seed gives the same times.
     #[must_use]
     pub fn new(conditions: &Conditions, seed: u64) -> Self {
+        Self::on(conditions, seed, &Stalls::none())
+    }
+
+    /// The same between programs on a machine that stands still now and then.
+    #[must_use]
+    pub fn on(conditions: &Conditions, seed: u64, stalls: &Stalls) -> Self {
         let mut seeds = Rand64::new(u128::from(seed));
         let phase_ns = i64::try_from(seeds.rand_range(0..CLOCK_PHASES)).unwrap_or(0);
         let mut source = || Rand64::new((u128::from(seeds.rand_u64()) << 64) | u128::from(seeds.rand_u64()));
@@ -129,12 +189,30 @@ impl<M> Exchange<M> {
             ..SenderSettings::default()
         };
         let jiffies = Jiffies::new(DEBIAN_HZ, phase_ns);
+        let readers = [(); 2].map(|()| Reader {
+            after: conditions.reading.clone(),
+            chance: source(),
+            stalls: stalls.clone(),
+        });
         Self {
-            conditions: *conditions,
+            conditions: conditions.clone(),
             paths,
-            streams: [(); 2].map(|()| Stream::new(settings, jiffies, conditions.reads_after_ns)),
+            streams: readers.map(|reader| Stream::new(settings, jiffies, reader)),
             deliveries: VecDeque::new(),
+            packets: 0,
+            clocks_ms: [None; 2],
+            heard: None,
         }
+    }
+
+    /// Keeps each packet that leaves a host or comes to one, for [`Self::take_heard`].
+    pub fn listen(&mut self) {
+        self.heard = Some(VecDeque::new());
+    }
+
+    /// The next packet that left a host or came to one, in order of time.
+    pub fn take_heard(&mut self) -> Option<Heard> {
+        self.heard.as_mut()?.pop_front()
     }
 
     /// A peer publishes a message of so many bytes, its length before it included. `now_ns` never goes back, and nothing that was due
@@ -191,6 +269,12 @@ impl<M> Exchange<M> {
         [self.streams[0].counts(), self.streams[1].counts()]
     }
 
+    /// What went through the ends of the links on the way from each peer, in [`Peer::ALL`]'s order.
+    #[must_use]
+    pub fn passes(&self) -> [Passes; 2] {
+        self.paths.each_ref().map(Path::passes)
+    }
+
     /// How many bytes a peer sent that are not acknowledged.
     #[must_use]
     pub fn unacknowledged_bytes(&self, from: Peer) -> u64 {
@@ -204,25 +288,56 @@ impl<M> Exchange<M> {
         }
         for path in &mut self.paths {
             while let Some(arrived) = path.advance(left_links_ns) {
-                match arrived.packet {
-                    Packet::Data(from, data) => self.streams[from.index()].receive_data(now_ns, &data),
-                    Packet::Ack(of, ack) => self.streams[of.index()].receive_ack(now_ns, &ack),
+                let packet = arrived.packet;
+                if let Some(heard) = &mut self.heard {
+                    heard.push_back(Heard {
+                        at: packet.from().other(),
+                        at_ns: now_ns,
+                        packet,
+                    });
+                }
+                let stream = &mut self.streams[packet.of.index()];
+                match packet.segment {
+                    Segment::Data(data) => stream.receive_data(now_ns, &data),
+                    Segment::Ack(ack) => {
+                        self.clocks_ms[packet.of.index()] = Some(packet.sent_ns / MILLISECOND_NS);
+                        stream.receive_ack(now_ns, &ack);
+                    }
                 }
             }
         }
     }
 
     fn put_on_wire(&mut self, now_ns: i64) {
-        for peer in Peer::ALL {
-            let stream = &mut self.streams[peer.index()];
-            while let Some(data) = stream.take_data() {
-                self.paths[peer.index()].send(now_ns, data.frame_bytes(), Packet::Data(peer, data));
+        for of in Peer::ALL {
+            while let Some(data) = self.streams[of.index()].take_data() {
+                let echo_ms = self.clocks_ms[of.index()];
+                self.send_packet(now_ns, of, echo_ms, Segment::Data(data));
             }
-            while let Some(ack) = stream.take_ack() {
-                let from = peer.other();
-                self.paths[from.index()].send(now_ns, ack.frame_bytes(), Packet::Ack(peer, ack));
+            while let Some(ack) = self.streams[of.index()].take_ack() {
+                self.send_packet(now_ns, of, ack.echo_ms, Segment::Ack(ack));
             }
         }
+    }
+
+    fn send_packet(&mut self, now_ns: i64, of: Peer, echo_ms: Option<i64>, segment: Segment) {
+        let packet = Packet {
+            number: self.packets,
+            of,
+            sent_ns: now_ns,
+            echo_ms,
+            segment,
+        };
+        self.packets += 1;
+        let from = packet.from();
+        if let Some(heard) = &mut self.heard {
+            heard.push_back(Heard {
+                at: from,
+                at_ns: now_ns,
+                packet,
+            });
+        }
+        self.paths[from.index()].send(now_ns, packet.frame_bytes(), packet);
     }
 }
 

@@ -5,12 +5,33 @@
 //! pass begins when its first was due to end. The switch takes no time.
 
 use oorandom::Rand64;
+use record::window::PassRecord;
 
-use crate::link::{Impairment, LinkEnd};
+use crate::link::{Impairment, LinkEnd, Refused};
+
+/// What an end has done that nothing went through. In virtual time a packet leaves when it is due.
+pub const NOTHING_PASSED: PassRecord = PassRecord {
+    offered: 0,
+    lost: 0,
+    overflowed: Some(0),
+    delivered: 0,
+    lateness_mean_ns: Some(0.0),
+    lateness_max_of_run_ns: Some(0),
+};
+
+/// What went through the two ends so far.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Passes {
+    /// Through the sender's own end of its link.
+    pub up: PassRecord,
+    /// Through the switch's end of the receiver's.
+    pub down: PassRecord,
+}
 
 /// Two link ends in a row.
 #[derive(Debug)]
 pub struct Path<P> {
+    passes: Passes,
     up: LinkEnd<Framed<P>>,
     down: LinkEnd<Framed<P>>,
 }
@@ -35,6 +56,10 @@ impl<P> Path<P> {
     #[must_use]
     pub fn new(impairment: Impairment, up: Rand64, down: Rand64) -> Self {
         Self {
+            passes: Passes {
+                up: NOTHING_PASSED,
+                down: NOTHING_PASSED,
+            },
             up: LinkEnd::new(impairment, up),
             down: LinkEnd::new(impairment, down),
         }
@@ -42,7 +67,14 @@ impl<P> Path<P> {
 
     /// Sends a packet in an Ethernet frame of so many bytes. Whether it is lost, nobody learns.
     pub fn send(&mut self, now_ns: i64, bytes: usize, packet: P) {
-        let _refused = self.up.offer(unsigned(now_ns), bytes, Framed { bytes, packet });
+        let refused = self.up.offer(unsigned(now_ns), bytes, Framed { bytes, packet });
+        count(&mut self.passes.up, refused.err().as_ref());
+    }
+
+    /// What went through both ends so far.
+    #[must_use]
+    pub const fn passes(&self) -> Passes {
+        self.passes
     }
 
     /// When something happens next.
@@ -59,13 +91,25 @@ impl<P> Path<P> {
     pub fn advance(&mut self, now_ns: i64) -> Option<Arrived<P>> {
         while let Some(passed) = self.up.release(unsigned(now_ns)) {
             let Framed { bytes, .. } = passed.packet;
-            let _refused = self.down.offer(passed.due_ns, bytes, passed.packet);
+            self.passes.up.delivered += 1;
+            let refused = self.down.offer(passed.due_ns, bytes, passed.packet);
+            count(&mut self.passes.down, refused.err().as_ref());
         }
         let arrived = self.down.release(unsigned(now_ns))?;
+        self.passes.down.delivered += 1;
         Some(Arrived {
             at_ns: signed(arrived.due_ns),
             packet: arrived.packet.packet,
         })
+    }
+}
+
+fn count<P>(pass: &mut PassRecord, refused: Option<&Refused<P>>) {
+    pass.offered += 1;
+    match refused {
+        None => {}
+        Some(Refused::Lost(_)) => pass.lost += 1,
+        Some(Refused::Overflowed(_)) => pass.overflowed = pass.overflowed.map(|packets| packets + 1),
     }
 }
 
@@ -120,6 +164,12 @@ mod tests {
             path.send(i64::from(number), 100, number);
             came += u32::from(path.advance(i64::from(number)).is_some());
         }
+        let Passes { up, down } = path.passes();
+        assert_eq!((up.offered, down.delivered), (u64::from(sent), u64::from(came)));
+        assert_eq!(
+            (up.delivered + up.lost, down.delivered + down.lost),
+            (up.offered, down.offered)
+        );
         let lost = 1.0 - f64::from(came) / f64::from(sent);
         // 1 − 0.99², five standard deviations either side.
         assert!(

@@ -35,5 +35,5 @@ mod transmission;
 
 pub use self::{
     sender::{Counts, SenderSettings},
-    stream::{Read, Stream},
+    stream::{Read, Reader, Stream},
 };

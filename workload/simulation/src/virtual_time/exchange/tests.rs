@@ -33,7 +33,7 @@ fn conditions(loss: f64, nagle: bool) -> Conditions {
         impairment,
         nagle,
         stack_ns: 0,
-        reads_after_ns: 0,
+        reading: Quantiles::default(),
     }
 }
 
@@ -111,11 +111,12 @@ prop_compose! {
         limit in 3_usize..1000,
         nagle: bool,
         stack_ns in 0..500_000_i64,
-        reads_after_ns in prop_oneof![Just(0), 0..100_000_000_i64],
+        reads_after_us in prop_oneof![Just(0), 0..100_000_u64],
     ) -> Conditions {
         let jitter_ns = (delay_ns as f64 * jitter_share) as u64;
         let impairment = Impairment { delay_ns, jitter_ns, loss, bits_per_second, limit };
-        Conditions { impairment, nagle, stack_ns, reads_after_ns }
+        let reading = Quantiles::always(Duration::from_micros(reads_after_us).into());
+        Conditions { impairment, nagle, stack_ns, reading }
     }
 }
 

@@ -2,12 +2,15 @@
 
 use std::collections::VecDeque;
 
+use oorandom::Rand64;
+use record::platform_model::Quantiles;
+
 use super::{
     receiver::Receiver,
     segment::{Ack, Data},
     sender::{Counts, Sender, SenderSettings},
 };
-use crate::virtual_time::jiffies::Jiffies;
+use crate::{stalls::Stalls, virtual_time::jiffies::Jiffies};
 
 /// An established connection's way from a program that writes messages to one that reads each as soon as it can.
 #[derive(Debug)]
@@ -16,9 +19,40 @@ pub struct Stream<M> {
     receiver: Receiver,
     /// Messages that were not read, by the end of their bytes.
     messages: VecDeque<Written<M>>,
-    /// From a segment's arrival to the program's reading.
-    reads_after_ns: i64,
+    reader: Reader,
     read_ns: Option<i64>,
+}
+
+/// When a program reads what has arrived.
+#[derive(Debug)]
+pub struct Reader {
+    /// How long it takes, of itself.
+    pub after: Quantiles,
+    /// What that is drawn from.
+    pub chance: Rand64,
+    /// When its machine stands still.
+    pub stalls: Stalls,
+}
+
+impl Reader {
+    /// One that reads at once.
+    #[cfg(test)]
+    pub fn at_once() -> Self {
+        Self {
+            after: Quantiles::default(),
+            chance: Rand64::new(0),
+            stalls: Stalls::none(),
+        }
+    }
+
+    /// When it reads what arrives now. Nothing is drawn where it takes no time.
+    fn reads_ns(&mut self, now_ns: i64) -> i64 {
+        let after_ns = match self.after.0.is_empty() {
+            true => 0,
+            false => self.after.at_ns(self.chance.rand_float()),
+        };
+        self.stalls.over_ns(now_ns + after_ns)
+    }
 }
 
 #[derive(Debug)]
@@ -40,15 +74,15 @@ pub struct Read<M> {
 }
 
 impl<M> Stream<M> {
-    /// Established at time zero, nothing written. The program reads what arrives after `reads_after_ns`.
+    /// Established at time zero, nothing written.
     #[must_use]
-    pub fn new(settings: SenderSettings, jiffies: Jiffies, reads_after_ns: i64) -> Self {
+    pub fn new(settings: SenderSettings, jiffies: Jiffies, reader: Reader) -> Self {
         let round_trip_ns = settings.first_round_trip_ns;
         Self {
             sender: Sender::new(settings, jiffies),
             receiver: Receiver::new(jiffies, settings.receive_window, round_trip_ns),
             messages: VecDeque::new(),
-            reads_after_ns,
+            reader,
             read_ns: None,
         }
     }
@@ -66,8 +100,8 @@ impl<M> Stream<M> {
     /// A segment arrives at the reader's host.
     pub fn receive_data(&mut self, now_ns: i64, data: &Data) {
         self.receiver.receive(now_ns, data);
-        if self.receiver.is_readable() {
-            self.read_ns.get_or_insert(now_ns + self.reads_after_ns);
+        if self.receiver.is_readable() && self.read_ns.is_none() {
+            self.read_ns = Some(self.reader.reads_ns(now_ns));
         }
     }
 

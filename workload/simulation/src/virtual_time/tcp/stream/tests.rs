@@ -31,7 +31,7 @@ impl Wire {
             ..SenderSettings::default()
         };
         Self {
-            stream: Stream::new(settings, Jiffies::new(DEBIAN_HZ, 0), 0),
+            stream: Stream::new(settings, Jiffies::new(DEBIAN_HZ, 0), Reader::at_once()),
             data: VecDeque::new(),
             acks: VecDeque::new(),
             lost_data: lost_data.to_vec(),
