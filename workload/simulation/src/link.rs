@@ -102,7 +102,8 @@ impl<P> LinkEnd<P> {
     pub fn new(impairment: Impairment, random: Rand64) -> Self {
         Self {
             impairment,
-            queue: VecDeque::with_capacity(impairment.limit.min(1000)),
+            // Of ordinary traffic. Room for all of the limit would be gone through in a circle, and be in no processor's cache.
+            queue: VecDeque::with_capacity(impairment.limit.min(64)),
             bucket: TokenBucket::full(impairment.bits_per_second),
             random,
         }
@@ -223,7 +224,8 @@ impl TokenBucket {
 
 /// What so many bytes take at a rate.
 fn duration_ns(bytes: u64, bits_per_second: u64) -> i64 {
-    let ns = u128::from(bytes) * 8_000_000_000 / u128::from(bits_per_second.max(1));
+    // No frame has 2 GiB, so that it fits: a division of 128 bits takes ten times as long.
+    let ns = bytes.saturating_mul(8_000_000_000) / bits_per_second.max(1);
     i64::try_from(ns).unwrap_or(i64::MAX)
 }
 
