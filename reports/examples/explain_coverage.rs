@@ -126,7 +126,7 @@ impl Repetition {
         let [a, b] = run.scenarios.as_slice() else {
             return Err("there are not two scenarios".into());
         };
-        let settings = [a.settings.clone(), b.settings.clone()];
+        let settings = [a.planned.settings.clone(), b.planned.settings.clone()];
         fs::remove_dir_all(folder)?;
         Ok(Self {
             explained,
