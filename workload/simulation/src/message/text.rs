@@ -96,7 +96,7 @@ fn write_decimals<const DECIMALS: u8>(out: &mut Vec<u8>, value: f64) {
     const MOST: f64 = 1e12;
     let scaled = value.abs() * 10_f64.powi(i32::from(DECIMALS));
     let part = scaled.fract();
-    if !(scaled < MOST) || (part - 0.5).abs() < 0.001 {
+    if scaled.is_nan() || scaled >= MOST || (part - 0.5).abs() < 0.001 {
         // Writing to memory cannot fail.
         let _ = write!(out, "{value:.*}", usize::from(DECIMALS));
         return;
