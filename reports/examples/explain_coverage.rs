@@ -100,7 +100,7 @@ impl Repetition {
             &file,
             format!(
                 "matrix: {{virtualization: [simulated], {axis}}}\n\
-                 workload: {{dynamics: author, windows: {WINDOWS}, window: 80s, period: 4s, reference: {{amplitude_m: 0.03}}, \
+                 workload: {{dynamics: author, windows: {WINDOWS}, window: 400s, period: 4s, reference: {{amplitude_m: 0.03}}, \
                  simulation: {{seed: {seed}, platform: {{{PLATFORM}}}}}}}\n"
             ),
         )?;

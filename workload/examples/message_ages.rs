@@ -5,7 +5,7 @@
 //! message_ages '{"network": {"seed": 1}}' --seconds 300 --stack-us 90
 //! ```
 //!
-//! Four connections each way between `sta1` and `sta2`, out of step, with a message each 20 ms. What is too close together
+//! Four connections each way between `sta1` and `sta2`, or as many as `--pairs` says, out of step, with a message each 20 ms. What is too close together
 //! is not independent: every 25th message is compared. What the hosts' kernels and the emulator add to the links' delays
 //! (`--stack-us`) is what the median is of the same call on links without any: `'{"network": {"delay": "0 ms", "jitter":
 //! "0 ms", "loss": "0 %"}}'`.
@@ -50,7 +50,6 @@ type Outcome<T> = Result<T, Box<dyn Error + Send + Sync>>;
 type Rates = BTreeMap<&'static str, f64>;
 
 const FIRST_PORT: u16 = 4711;
-const PAIRS: usize = 4;
 const SECOND_NS: i64 = 1_000_000_000;
 /// The first messages are acknowledged quickly, on a window that nothing was lost in.
 const WARM_UP_NS: i64 = 5 * SECOND_NS;
@@ -79,6 +78,10 @@ struct Call {
     /// What the hosts add to the links' delays in virtual time, in microseconds.
     #[arg(long, default_value_t = 0)]
     stack_us: i64,
+    /// How many connections each way. They share the links when they are measured, and each pair has them alone in virtual time: where
+    /// bandwidth is tight, give 1.
+    #[arg(long, default_value_t = 4)]
+    pairs: usize,
     /// How many simulations as long as the measurement.
     #[arg(long, default_value_t = 10)]
     times: i64,
@@ -130,7 +133,7 @@ fn main() -> Outcome<()> {
         twin,
     } = simulate(&call, &settings);
     means_ms.sort_by(f64::total_cmp);
-    let simulated_s = (call.times * call.seconds) as f64 * PAIRS as f64;
+    let simulated_s = (call.times * call.seconds) as f64 * call.pairs as f64;
     let times_real_time = simulated_s / begun.elapsed().as_secs_f64();
     let (thinned, virtual_thinned) = (thin(&measured), thin(&simulated));
     let ks = distance(&thinned, &virtual_thinned);
@@ -155,18 +158,18 @@ fn measure(call: &Call, settings: &Settings) -> Outcome<(Vec<Vec<i64>>, Rates)> 
     let network = network::open(&settings.network, 85)?;
     network.impair()?;
     let network = &*network;
-    let everybody = &Barrier::new(4 * PAIRS + 1);
+    let everybody = &Barrier::new(4 * call.pairs + 1);
     let before = counters(network)?;
     let ages = thread::scope(|scope| {
         let mut readers = Vec::new();
         let mut writers = Vec::new();
-        for number in 0..2 * PAIRS {
+        for number in 0..2 * call.pairs {
             let [to, from] = if number % 2 == 0 {
                 [VirtualHost::STA1, VirtualHost::STA2]
             } else {
                 [VirtualHost::STA2, VirtualHost::STA1]
             };
-            let offset = i64::try_from(number).unwrap_or(0) * call.every_us * 1000 / (2 * PAIRS as i64);
+            let offset = i64::try_from(number).unwrap_or(0) * call.every_us * 1000 / (2 * call.pairs as i64);
             let address: SocketAddr = (address_in_the_ball(from), FIRST_PORT + u16::try_from(number)?).into();
             let (listens, is_listening) = mpsc::channel();
             // As in ROS, the publisher listens and the subscriber connects.
@@ -186,7 +189,7 @@ fn measure(call: &Call, settings: &Settings) -> Outcome<(Vec<Vec<i64>>, Rates)> 
         ages
     })?;
     let after = counters(network)?;
-    let streams = call.seconds as f64 * 2.0 * PAIRS as f64;
+    let streams = call.seconds as f64 * 2.0 * call.pairs as f64;
     let kernel = after
         .into_iter()
         .map(|(name, count)| (name, (count - before.get(name).copied().unwrap_or(0.0)) / streams))
@@ -277,8 +280,8 @@ fn simulate(call: &Call, settings: &Settings) -> Simulated {
     let mut counted = Counts::default();
     for part in 0..call.times {
         let mut part_ages = Vec::new();
-        for pair in 0..PAIRS as i64 {
-            let seed = (part * PAIRS as i64 + pair + 1).unsigned_abs();
+        for pair in 0..call.pairs as i64 {
+            let seed = (part * call.pairs as i64 + pair + 1).unsigned_abs();
             let (ages_ns, counts) = simulate_pair(call, settings, seed);
             part_ages.extend(ages_ns);
             counted = counts.into_iter().fold(counted, sum);
@@ -286,7 +289,7 @@ fn simulate(call: &Call, settings: &Settings) -> Simulated {
         means_ms.push(ages(part_ages.concat()).mean_ms);
         all.extend(part_ages);
     }
-    let streams = (call.times * call.seconds) as f64 * 2.0 * PAIRS as f64;
+    let streams = (call.times * call.seconds) as f64 * 2.0 * call.pairs as f64;
     let twin = [
         (
             "sent again",

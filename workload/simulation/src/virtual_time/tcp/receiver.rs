@@ -14,6 +14,8 @@ use crate::virtual_time::jiffies::{Expiry, Jiffies};
 
 /// `TCP_MSS_DEFAULT`, the first guess of the sender's segment size.
 const FIRST_SEGMENT_BYTES: u64 = 536;
+/// The time stamp option, which the kernel counts to the data where it looks for the segment size.
+const OPTION_BYTES: u64 = 12;
 /// `TCP_MAX_QUICKACKS`.
 const QUICK_ACKS: u32 = 16;
 /// `TCP_ATO_MIN` and `TCP_DELACK_MIN`; `TCP_DELACK_MAX`.
@@ -44,7 +46,10 @@ pub(super) struct Receiver {
     duplicate: Option<Span>,
     /// What is echoed.
     stamp_ms: Option<i64>,
+    /// `rcv_mss`: what the sender's full segments are taken to have.
     segment_bytes: u64,
+    /// `last_seg_size`: of the segment before, if it was smaller and might have been a full one; else 0.
+    last_bytes: u64,
     quick: u32,
     delay_jiffies: i64,
     last_data_jiffy: i64,
@@ -83,6 +88,7 @@ impl Receiver {
             duplicate: None,
             stamp_ms: None,
             segment_bytes: FIRST_SEGMENT_BYTES,
+            last_bytes: 0,
             quick: 0,
             delay_jiffies: 0,
             last_data_jiffy: 0,
@@ -170,11 +176,29 @@ impl Receiver {
         self.at_once |= holes && self.above.is_empty();
     }
 
-    /// How soon the next is to be expected (`tcp_event_data_recv`, `tcp_measure_rcv_mss`). What ends a write (PSH) is
-    /// acknowledged once it is read, however large it is; a full segment is taken for one that ends none.
+    /// How large full segments are (`tcp_measure_rcv_mss`), and whether this one is acknowledged once it is read: one that is smaller is,
+    /// and a full one if it ends a write (PSH), which one of the largest size is taken not to do. Two smaller ones in a row that
+    /// are of one size are taken for full ones from then on, and the second waits for its acknowledgement.
+    fn measure_segment(&mut self, bytes: u64) {
+        let before = std::mem::take(&mut self.last_bytes);
+        if bytes >= self.segment_bytes {
+            self.segment_bytes = bytes.min(LARGEST_SEGMENT_BYTES);
+            self.when_read |= bytes < LARGEST_SEGMENT_BYTES;
+            return;
+        }
+        if bytes + OPTION_BYTES >= FIRST_SEGMENT_BYTES {
+            self.last_bytes = bytes;
+            if bytes == before {
+                self.segment_bytes = bytes;
+                return;
+            }
+        }
+        self.when_read = true;
+    }
+
+    /// How soon the next is to be expected (`tcp_event_data_recv`).
     fn note_data(&mut self, now_ns: i64, bytes: u64) {
-        self.segment_bytes = self.segment_bytes.max(bytes);
-        self.when_read |= bytes < LARGEST_SEGMENT_BYTES;
+        self.measure_segment(bytes);
         let jiffy = self.jiffies.count(now_ns);
         let least = self.jiffies.of_us(LEAST_DELAY_US);
         let since = jiffy - self.last_data_jiffy;
@@ -363,6 +387,29 @@ mod tests {
         receiver.receive(420 * MS, &data(1000, 1000 + LARGEST_SEGMENT_BYTES, 420));
         receiver.read();
         assert_eq!(acks(&mut receiver), []);
+    }
+
+    // The kernel on a round trip of 200 ms, with nothing lost: ten messages wait for an acknowledgement, now and then eleven.
+    #[test]
+    fn of_two_large_segments_of_one_size_after_a_larger_one_the_second_waits_for_its_acknowledgement() {
+        let mut receiver = settled();
+        let mut next = 200;
+        let mut arrives = |receiver: &mut Receiver, number: i64, bytes: u64| {
+            receiver.receive((400 + 200 * number) * MS, &data(next, next + bytes, 400));
+            receiver.read();
+            next += bytes;
+            acks(receiver).len()
+        };
+        let counts: Vec<usize> = (0..)
+            .zip([726, 660, 660])
+            .map(|(number, bytes)| arrives(&mut receiver, number, bytes))
+            .collect();
+        assert_eq!(counts, [1, 1, 0]);
+        // It waits 40 ms or more, and 660 bytes are a full segment from then on.
+        assert!(receiver.next_ns().is_some_and(|fires_ns| fires_ns >= 840 * MS));
+        receiver.advance(i64::MAX);
+        assert_eq!(acks(&mut receiver).len(), 1);
+        assert_eq!(arrives(&mut receiver, 3, 660), 1);
     }
 
     #[test]
