@@ -6,5 +6,6 @@ pub mod command;
 pub mod completion;
 pub mod plain_log;
 pub mod progress_bars;
+pub mod run_argument;
 mod session;
 pub mod terminal;

@@ -15,7 +15,7 @@ use crate::{
     plan::{self, HostFacts, Selection, order::Order},
     preparation::PreparationError,
     provider::{
-        Catalogue, ProviderError, ProviderSettings, Providers,
+        Availability, Catalogue, ProviderError, ProviderSettings, Providers,
         detached::{AgentClient, ClockReading},
     },
     state_directory::StateDirectory,
@@ -34,6 +34,20 @@ pub struct Examination {
     pub standing: Option<Standing>,
     /// What the windows that the matrix file has for it take on its disk, in bytes; none without a file, or without a plan of it.
     pub to_come_bytes: Option<u64>,
+}
+
+impl Examination {
+    /// Whether nothing can be measured there, or something that the experiment needs is missing.
+    #[must_use]
+    pub fn is_lacking(&self, catalogue: Catalogue) -> bool {
+        let mut providers = self.facts.providers.iter();
+        let measures = providers.any(|(name, provider)| {
+            !catalogue.is_simulated(name) && matches!(provider.availability, Availability::Available { .. })
+        });
+        let is_missing = |check: &Check| check.required && !check.available;
+        // A host whose system the workload is no program for may still have engines and virtual machines.
+        !measures || self.checks.iter().flatten().any(is_missing)
+    }
 }
 
 /// What a host is like at the moment.

@@ -125,6 +125,20 @@ pub fn ask(place: &Place, holder: &Holder) -> Result<Asked, LeaseError> {
     }
 }
 
+/// Who holds the lease at `place` now, if somebody does and has said so.
+#[must_use]
+pub fn holder(place: &Place) -> Option<Holder> {
+    let file = place.open().ok()?;
+    match file.try_lock_shared() {
+        Err(TryLockError::WouldBlock) => {
+            let mut text = Vec::new();
+            file.take(LONGEST_HOLDER).read_to_end(&mut text).ok()?;
+            serde_json::from_slice(&text).ok()
+        }
+        _ => None,
+    }
+}
+
 /// Whether some process holds the lease at `place` now.
 #[must_use]
 pub fn is_held(place: &Place) -> bool {
@@ -187,12 +201,14 @@ mod tests {
             panic!("nobody holds it")
         };
         assert!(is_held(&place));
+        assert_eq!(super::holder(&place), Some(holder()));
         let Asked::Held { holder: told } = ask(&place, &holder()).unwrap() else {
             panic!("it is held")
         };
         assert_eq!(told, Some(holder()));
         drop(lease);
         assert!(!is_held(&place));
+        assert_eq!(super::holder(&place), None);
         assert!(matches!(ask(&place, &holder()).unwrap(), Asked::Granted(_)));
     }
 }

@@ -212,8 +212,7 @@ impl MatrixFile {
         catalogue: Catalogue,
     ) -> Result<Self, Diagnostics> {
         let source = Arc::new(decode(name, bytes)?);
-        let mut tree = yaml::parse(&source)?;
-        let mut found = Diagnostics::new();
+        let (mut tree, mut found) = yaml::parse_with_keys_twice(&source)?;
         renamed::rename(&source, &mut tree, &mut found);
         check_sections(&source, &tree, &mut found);
         if !matches!(tree.content, Content::Mapping(_)) {

@@ -44,6 +44,8 @@ use crate::explain::Found;
 pub struct Drift {
     /// The runs that are judged against each other, the earliest first.
     pub nights: Vec<String>,
+    /// When the newest of them was asked for, RFC 3339; empty without one.
+    pub newest: String,
     /// One for each scenario and metric.
     pub judgements: Vec<Judgement>,
     /// What a reader must know beside.

@@ -1,14 +1,16 @@
 //! Tables, figures and remarks of a report, and their media: Markdown, LaTeX, HTML, JSON, CSV, Parquet, SVG, PDF. The
 //! main type is [`Presentation`], made by [`Report::present`].
 
+mod axes;
 pub mod figure;
+mod finding;
 pub(crate) mod forest;
 pub(crate) mod frames;
 mod method;
 mod remarks;
 pub(crate) mod render;
+mod sweep;
 pub mod table;
-pub(crate) mod verdict;
 pub(crate) mod writing;
 
 use self::table::Table;

@@ -101,6 +101,8 @@ fn what_is_printed_for_programs_is_as_its_schema_says() {
     let run = directory.as_str();
     assert_eq!(described("report", &["report", run]), report);
     described("status", &["status", run]);
+    let runs = described("runs", &["runs"]);
+    assert_eq!(runs["runs"][0]["state"], "errored", "{runs:#}");
     let verified = described("status", &["status", run, "--verify"]);
     assert_eq!(verified["verified"]["checked"], true, "{verified:#}");
     let left = described("resume", &["resume", run, "--dry-run"]);

@@ -8,7 +8,8 @@ use crate::cli::command::{
     explain::ExplainArguments, fit::FitArguments, ks::KsArguments, man::ManArguments,
     messages::MessagesArguments, options::OutputArguments, plan::PlanArguments, redact::RedactArguments,
     replay::ReplayArguments, report::ReportArguments, resume::ResumeArguments, run::RunArguments,
-    schema::SchemaArguments, shell::ShellArguments, status::StatusArguments,
+    runs::RunsArguments, schema::SchemaArguments, shell::ShellArguments, status::StatusArguments,
+    watch::WatchArguments,
 };
 
 const AFTER_HELP: &str = "\
@@ -39,13 +40,17 @@ pub enum Command {
     Check(CheckArguments),
     /// Show every scenario, whether it can run here and why not, the order, the duration.
     Plan(PlanArguments),
-    /// Measure every scenario that can run here and print the tables.
+    /// Measure every scenario that can run here and print what was found.
     Run(RunArguments),
     /// Go on with a run that was interrupted or killed.
     Resume(ResumeArguments),
     /// Say where a run stands.
     Status(StatusArguments),
-    /// Make the tables and figures of a run, or of several as one, into its `report/` folder and on the terminal.
+    /// Follow a run that this or another process carries out, until it ends; begin and leave at any time.
+    Watch(WatchArguments),
+    /// List the runs in a folder, the newest first, with how they ended.
+    Runs(RunsArguments),
+    /// Make the tables and figures of a run, or of several as one, in its `report/` folder, and print what was found.
     Report(ReportArguments),
     /// Copy runs without the names of hosts and users, for a review that is to be blind.
     Redact(RedactArguments),
@@ -88,6 +93,7 @@ impl Command {
             Self::Run(arguments) => arguments.output,
             Self::Resume(arguments) => arguments.output,
             Self::Status(arguments) => arguments.output,
+            Self::Runs(arguments) => arguments.output,
             Self::Report(arguments) => arguments.output,
             Self::Redact(arguments) => arguments.output,
             Self::Messages(arguments) => arguments.output,
@@ -98,9 +104,12 @@ impl Command {
             Self::Ks(arguments) => arguments.output,
             Self::Clean(arguments) => arguments.output,
             Self::Doctor(arguments) => arguments.output,
-            Self::Fit(_) | Self::Schema(_) | Self::Completions(_) | Self::Man(_) | Self::Shell(_) => {
-                OutputArguments::default()
-            }
+            Self::Watch(_)
+            | Self::Fit(_)
+            | Self::Schema(_)
+            | Self::Completions(_)
+            | Self::Man(_)
+            | Self::Shell(_) => OutputArguments::default(),
         };
         output.json
     }

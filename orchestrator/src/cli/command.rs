@@ -18,9 +18,11 @@ pub mod replay;
 pub mod report;
 pub mod resume;
 pub mod run;
+pub mod runs;
 pub mod schema;
 pub mod shell;
 pub mod status;
+pub mod watch;
 use record::exit::matrix::Exit;
 
 use crate::{
@@ -39,6 +41,8 @@ pub async fn execute(command: &Command, catalogue: Catalogue) -> Result<Exit, Co
         Command::Run(arguments) => run::execute(arguments, catalogue).await,
         Command::Resume(arguments) => resume::execute(arguments, catalogue).await,
         Command::Status(arguments) => status::execute(arguments),
+        Command::Watch(arguments) => watch::execute(arguments).await,
+        Command::Runs(arguments) => runs::execute(arguments),
         Command::Report(arguments) => report::execute(arguments),
         Command::Redact(arguments) => redact::execute(arguments),
         Command::Messages(arguments) => messages::execute(arguments),

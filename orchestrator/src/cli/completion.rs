@@ -7,7 +7,7 @@
 use std::{
     env,
     ffi::{OsStr, OsString},
-    path::{Path, PathBuf},
+    path::Path,
     sync::{OnceLock, mpsc},
     thread,
     time::Duration,
@@ -20,6 +20,7 @@ use clap_complete::{
 use record::run_directory::{FORMAT, PlanRecord, PlannedScenario, RunDirectory, read_record};
 
 use crate::{
+    cli::run_argument::{RUNS, is_run, newest_run, run_named},
     matrix_file::MatrixFile,
     preparation::{self, PlanRequest},
     provider::Catalogue,
@@ -38,9 +39,6 @@ const TIMEOUT: Duration = Duration::from_secs(1);
 /// The matrix file where the command line names none.
 const FILE: &str = "matrix.yaml";
 
-/// The folder in which `matrix run` makes run directories.
-const RUNS: &str = "runs";
-
 /// The profiles of the matrix file.
 #[must_use]
 pub fn profiles() -> ArgValueCandidates {
@@ -56,13 +54,13 @@ pub fn scenarios_of_file() -> ArgValueCandidates {
 /// The scenarios of the run that is the command's first argument.
 #[must_use]
 pub fn scenarios_of_run() -> ArgValueCandidates {
-    candidates(|line| scenarios_recorded(&PathBuf::from(line.first?)))
+    candidates(|line| scenarios_recorded(&run_named(&line.first?)?))
 }
 
 /// The scenarios of the run that `--run` names, or of the newest in `runs/`.
 #[must_use]
 pub fn scenarios_to_enter() -> ArgValueCandidates {
-    candidates(|line| scenarios_recorded(&line.run.map(PathBuf::from).or_else(newest_run)?))
+    candidates(|line| scenarios_recorded(&line.run.and_then(|run| run_named(&run)).or_else(newest_run)?))
 }
 
 /// The run directories in `runs/`, the newest first, and other folders where none of these fits.
@@ -220,14 +218,6 @@ fn runs_in(folder: &Path, current: &OsStr) -> Vec<CompletionCandidate> {
     let runs = newest_first(folder).into_iter().filter(|run| is_run(run));
     runs.filter_map(|run| Some(CompletionCandidate::new(run.to_str().filter(fits)?)))
         .collect()
-}
-
-fn newest_run() -> Option<PathBuf> {
-    newest_first(Path::new(RUNS)).into_iter().find(|run| is_run(run))
-}
-
-fn is_run(folder: &Path) -> bool {
-    RunDirectory::new(folder).manifest().exists()
 }
 
 /// Whether it is one word to every shell. The file may be somebody else's, and its names come into the user's command line.

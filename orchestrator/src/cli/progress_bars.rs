@@ -1,12 +1,15 @@
-//! On a terminal: a bar for each scenario with its window, the time left and the loop's health. The main type is
-//! [`ProgressBars`].
+//! On a terminal: a bar for each scenario with its window, the time left and the loop's health, and one for all of them. The main
+//! type is [`ProgressBars`].
 
-use std::{collections::HashMap, time::Duration};
+use std::{
+    collections::{BTreeSet, HashMap},
+    time::Duration,
+};
 
 use indicatif::{MultiProgress, ProgressBar, ProgressDrawTarget, ProgressStyle};
 use record::{
     progress::Progress,
-    run_directory::{Event, PlanRecord},
+    run_directory::{Event, PlanRecord, RunState},
 };
 
 use super::plain_log;
@@ -16,6 +19,9 @@ use crate::observer::Observer;
 pub struct ProgressBars {
     bars: MultiProgress,
     scenarios: HashMap<String, Scenario>,
+    whole: ProgressBar,
+    /// Of all windows, in seconds, on the host that has most of them.
+    measuring_s: f64,
 }
 
 struct Scenario {
@@ -24,14 +30,14 @@ struct Scenario {
     environments: u32,
     steps_per_window: u64,
     rate_hz: f64,
-    /// Windows that were done before the one under way.
-    windows_done: u64,
+    /// The windows that are done, by number: of one that was measured again there is one.
+    done: BTreeSet<u32>,
 }
 
 impl ProgressBars {
-    /// For the scenarios that `plan` runs, drawn on the terminal behind standard error.
+    /// For the scenarios that `plan` runs, with what is done of them in `state`, drawn on the terminal behind standard error.
     #[must_use]
-    pub fn new(plan: &PlanRecord) -> Self {
+    pub fn new(plan: &PlanRecord, state: &RunState) -> Self {
         let bars = MultiProgress::with_draw_target(ProgressDrawTarget::stderr_with_hz(4));
         let planned = plan
             .order
@@ -45,19 +51,67 @@ impl ProgressBars {
                     .saturating_mul(u64::from(settings.all_windows()));
                 let bar = bars.add(ProgressBar::new(steps).with_style(style()));
                 bar.set_prefix(format!("{} {}", planned.id, planned.slug));
-                bar.set_message("waiting");
+                let done = state.scenario(&planned.slug).complete();
+                bar.set_message(match done.len() {
+                    0 => "waiting".to_owned(),
+                    done => format!("{done} of {} windows done", settings.all_windows()),
+                });
                 let scenario = Scenario {
                     bar,
                     windows: settings.all_windows(),
                     environments: settings.environments,
                     steps_per_window: settings.steps_per_window(),
                     rate_hz: settings.rate.hz(),
-                    windows_done: 0,
+                    done,
                 };
+                scenario.bar.set_position(scenario.steps_done());
                 (planned.slug.clone(), scenario)
             })
             .collect();
-        Self { bars, scenarios }
+        let whole = bars.add(ProgressBar::new(0).with_style(style()));
+        whole.set_prefix("all");
+        let bars = Self {
+            bars,
+            scenarios,
+            whole,
+            measuring_s: plan.measuring_s,
+        };
+        bars.show_whole();
+        bars
+    }
+
+    /// A window that has been under way for so long, where nobody says how many of its steps are done.
+    pub fn estimate(&mut self, slug: &str, window: u32, elapsed: Duration) {
+        if let Some(scenario) = self.scenarios.get_mut(slug) {
+            let steps = (elapsed.as_secs_f64() * scenario.rate_hz) as u64;
+            let steps = steps.min(scenario.steps_per_window);
+            scenario
+                .bar
+                .set_position(scenario.steps_done().saturating_add(steps));
+            let message = format!("window {window}/{}", scenario.windows);
+            scenario.bar.set_message(message);
+            self.show_whole();
+        }
+    }
+
+    /// The bar of all scenarios together.
+    fn show_whole(&self) {
+        let all = || self.scenarios.values();
+        let length: u64 = all()
+            .filter_map(|it| it.bar.length())
+            .fold(0, u64::saturating_add);
+        let position: u64 = all().map(|it| it.bar.position()).fold(0, u64::saturating_add);
+        let (windows, done) = all().fold((0_u64, 0), |(windows, done), it| {
+            (windows + u64::from(it.windows), done + it.done.len())
+        });
+        let left = 1.0 - position as f64 / length.max(1) as f64;
+        let left = Duration::try_from_secs_f64((self.measuring_s * left).round()).unwrap_or_default();
+        self.whole.set_length(length);
+        self.whole.set_position(position);
+        self.whole.set_message(format!(
+            "{done} of {windows} windows, about {} of measuring left",
+            humantime::format_duration(left)
+        ));
     }
 }
 
@@ -84,9 +138,9 @@ impl Observer for ProgressBars {
                 if let (Some(scenario), Some(line)) =
                     (self.scenarios.get_mut(scenario), plain_log::line(event))
                 {
-                    if let Progress::WindowComplete { .. } = progress {
-                        scenario.windows_done += 1;
-                        scenario.bar.set_position(scenario.steps_before());
+                    if let Progress::WindowComplete { window, .. } = progress {
+                        scenario.done.insert(*window);
+                        scenario.bar.set_position(scenario.steps_done());
                     }
                     scenario.bar.set_message(after_colon(&line));
                 }
@@ -110,15 +164,21 @@ impl Observer for ProgressBars {
                     let _ = self.bars.println(line);
                 }
             }
+            Event::RunFinished | Event::RunInterrupted => {
+                self.show_whole();
+                self.whole.abandon();
+                return;
+            }
             _ => {}
         }
+        self.show_whole();
     }
 }
 
 impl Scenario {
-    /// Steps of the windows that were done before the one under way.
-    fn steps_before(&self) -> u64 {
-        self.windows_done.saturating_mul(self.steps_per_window)
+    /// Steps of the windows that are done.
+    fn steps_done(&self) -> u64 {
+        (self.done.len() as u64).saturating_mul(self.steps_per_window)
     }
 
     fn health(&mut self, progress: &Progress) {
@@ -133,7 +193,7 @@ impl Scenario {
             return;
         };
         // The number is another machine's.
-        let done = self.steps_before().saturating_add(*steps_done);
+        let done = self.steps_done().saturating_add(*steps_done);
         self.bar.set_position(done);
         let total = self.bar.length().unwrap_or(done);
         let left_s = (total.saturating_sub(done) as f64 / self.rate_hz).round();

@@ -74,7 +74,7 @@ pub async fn carry_out(
     let options = Options {
         resumed: options.resumed,
         keep: options.keep,
-        observers: observers(plan, options.show),
+        observers: observers(plan, &state, options.show),
         stop,
     };
     let state = session::carry_out(directory, manifest, plan, providers, state, options).await?;
@@ -103,11 +103,11 @@ impl From<RecordedRunError> for CommandError {
     }
 }
 
-fn observers(plan: &PlanRecord, show: ProgressDisplay) -> Vec<Box<dyn Observer>> {
+fn observers(plan: &PlanRecord, state: &RunState, show: ProgressDisplay) -> Vec<Box<dyn Observer>> {
     match show {
         ProgressDisplay::Nothing => Vec::new(),
         ProgressDisplay::Progress if std::io::stderr().is_terminal() => {
-            vec![Box::new(ProgressBars::new(plan))]
+            vec![Box::new(ProgressBars::new(plan, state))]
         }
         ProgressDisplay::Progress => vec![Box::new(PlainLog::new(std::io::stderr()))],
     }
@@ -140,7 +140,8 @@ pub fn how_to_go_on(directory: &Path) -> String {
 }
 
 /// The exit code of a run, as docs/exit-codes.md has it.
-fn exit(state: &RunState, plan: &PlanRecord) -> Exit {
+#[must_use]
+pub fn exit(state: &RunState, plan: &PlanRecord) -> Exit {
     let outcomes = state.outcomes(plan);
     let any = |outcome| outcomes.contains(&outcome);
     if state.is_interrupted(plan) {

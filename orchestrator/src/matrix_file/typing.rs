@@ -292,7 +292,7 @@ mod tests {
             (
                 Code::InvalidValue,
                 "10",
-                "write a duration as `10ms`; the units are `ns`, `us`, `ms`, `s`, `min`, `h`",
+                "write a duration as `10s` or `10ms`; the units are `ns`, `us`, `ms`, `s`, `min`, `h`",
             ),
             (Code::UnknownKey, "los", "did you mean `loss`?"),
             (

@@ -30,6 +30,16 @@ const NODES: usize = 50_000;
 /// # Errors
 /// What stops the reading: no YAML, too deep, several documents; and every key that stands twice.
 pub fn parse(source: &Arc<Source>) -> Result<Node, Diagnostics> {
+    let (tree, twice) = parse_with_keys_twice(source)?;
+    twice.unless_errors(tree).map(|(tree, _)| tree)
+}
+
+/// Reads one document, for which every other mistake in it is to be found too: of a key that stands twice the tree has
+/// the first, and a diagnostic is beside it.
+///
+/// # Errors
+/// What stops the reading: no YAML, too deep, several documents.
+pub fn parse_with_keys_twice(source: &Arc<Source>) -> Result<(Node, Diagnostics), Diagnostics> {
     let mut builder = Builder::new(source);
     for event in Parser::new_from_str(source.text()) {
         let (event, span) = match event {
@@ -270,7 +280,9 @@ impl<'a> Builder<'a> {
                     if node.is_null() && node.span.start == node.span.end {
                         node.span = key.span;
                     }
-                    entries.push(Entry { key, value: node });
+                    if seen.get(&key.value) == Some(&key.span) {
+                        entries.push(Entry { key, value: node });
+                    }
                 }
                 None => {
                     let Content::Scalar { text, .. } = &node.content else {
@@ -308,13 +320,10 @@ impl<'a> Builder<'a> {
         }
     }
 
-    fn finish(self) -> Result<Node, Diagnostics> {
-        if !self.problems.is_empty() {
-            return Err(self.problems);
-        }
+    fn finish(self) -> Result<(Node, Diagnostics), Diagnostics> {
         let at_start = Span::default();
         match self.root {
-            Some(root) if !root.is_null() => Ok(root),
+            Some(root) if !root.is_null() => Ok((root, self.problems)),
             _ => Err(
                 Diagnostic::error(self.source, Code::Empty, at_start, "there is nothing in the file")
                     .help("begin with `matrix:`, as in `matrix: {virtualization: [native, docker]}`")

@@ -9,7 +9,7 @@ use crate::matrix_file::{
     source::{Source, Span},
 };
 
-/// Patterns of scenarios: a letter, a slug, `axis=value`, each with `*` and `?`.
+/// Patterns of scenarios: a letter, a slug, `axis=value` or a value of any axis, each with `*` and `?`.
 #[derive(Debug, Clone, Default, PartialEq, Eq)]
 pub struct Selection {
     /// Scenarios that match one of these run; all if there are none.
@@ -30,16 +30,44 @@ pub struct Candidate {
 }
 
 impl Candidate {
-    fn matches(&self, pattern: &str) -> bool {
-        let glob = WildMatch::new(pattern);
-        if glob.matches(&self.letter) || glob.matches(&self.slug) {
-            return true;
-        }
+    fn is_named(&self, pattern: &str) -> bool {
+        let name = WildMatch::new(pattern);
+        name.matches(&self.letter) || name.matches(&self.slug)
+    }
+
+    fn has_pair(&self, pattern: &str) -> bool {
         pattern.split_once('=').is_some_and(|(axis, value)| {
             let value = WildMatch::new(value.trim());
             let mut axes = self.axes.iter();
             axes.any(|(name, text)| name == axis.trim() && value.matches(text))
         })
+    }
+
+    fn has_value(&self, pattern: &str) -> bool {
+        let value = WildMatch::new(pattern);
+        self.axes.iter().any(|(_, text)| value.matches(text))
+    }
+}
+
+/// A pattern in the first of its readings that matches a scenario: `a` is a letter, even if an axis has a value `a`.
+struct Pattern<'a> {
+    text: &'a str,
+    matches: fn(&Candidate, &str) -> bool,
+}
+
+impl<'a> Pattern<'a> {
+    const READINGS: [fn(&Candidate, &str) -> bool; 3] =
+        [Candidate::is_named, Candidate::has_pair, Candidate::has_value];
+
+    /// None if it matches nothing.
+    fn of(text: &'a str, candidates: &[Candidate]) -> Option<Self> {
+        let mut readings = Self::READINGS.into_iter();
+        let matches = readings.find(|matches| candidates.iter().any(|candidate| matches(candidate, text)))?;
+        Some(Self { text, matches })
+    }
+
+    fn selects(&self, candidate: &Candidate) -> bool {
+        (self.matches)(candidate, self.text)
     }
 }
 
@@ -48,35 +76,31 @@ impl Selection {
     ///
     /// # Errors
     /// Each pattern that matches nothing, and a selection that leaves nothing.
-    pub fn apply(&self, candidates: &[Candidate]) -> Result<Vec<Option<String>>, Diagnostics> {
+    pub fn apply<'a>(&'a self, candidates: &[Candidate]) -> Result<Vec<Option<String>>, Diagnostics> {
         let mut found = Diagnostics::new();
-        for (option, patterns) in [("--only", &self.only), ("--skip", &self.skip)] {
-            for pattern in patterns {
-                if !candidates.iter().any(|candidate| candidate.matches(pattern)) {
-                    let message = format!("`{option} {pattern}` matches no scenario");
-                    found.push(error(option, pattern, message).help(proposal(pattern, candidates)));
+        let mut read = |option: &str, texts: &'a [String]| -> Vec<Pattern<'a>> {
+            let patterns = texts.iter().filter_map(|text| {
+                let pattern = Pattern::of(text, candidates);
+                if pattern.is_none() {
+                    let message = format!("`{option} {text}` matches no scenario");
+                    found.push(error(option, text, message).help(proposal(text, candidates)));
                 }
-            }
-        }
+                pattern
+            });
+            patterns.collect()
+        };
+        let (only, skip) = (read("--only", &self.only), read("--skip", &self.skip));
         if !found.is_empty() {
             return Err(found);
         }
         let left_out: Vec<_> = candidates
             .iter()
-            .map(|candidate| self.why_not(candidate))
+            .map(|candidate| why_not(candidate, &only, &skip))
             .collect();
         if !left_out.is_empty() && left_out.iter().all(Option::is_some) {
             return Err(self.leaves_nothing(candidates).into());
         }
         Ok(left_out)
-    }
-
-    fn why_not(&self, candidate: &Candidate) -> Option<String> {
-        if !self.only.is_empty() && !self.only.iter().any(|pattern| candidate.matches(pattern)) {
-            return Some(format!("not selected by `--only {}`", self.only.join(",")));
-        }
-        let skipped = self.skip.iter().find(|pattern| candidate.matches(pattern));
-        skipped.map(|pattern| format!("left out by `--skip {pattern}`"))
     }
 
     /// Each pattern matches something, so that it is `--skip` which takes the rest away.
@@ -85,6 +109,15 @@ impl Selection {
         let message = format!("with `--skip {patterns}` no scenario is left");
         error("--skip", &patterns, message).help(all(candidates))
     }
+}
+
+fn why_not(candidate: &Candidate, only: &[Pattern<'_>], skip: &[Pattern<'_>]) -> Option<String> {
+    if !only.is_empty() && !only.iter().any(|pattern| pattern.selects(candidate)) {
+        let texts: Vec<_> = only.iter().map(|pattern| pattern.text).collect();
+        return Some(format!("not selected by `--only {}`", texts.join(",")));
+    }
+    let skipped = skip.iter().find(|pattern| pattern.selects(candidate));
+    skipped.map(|pattern| format!("left out by `--skip {}`", pattern.text))
 }
 
 /// The option's value is the text that is shown and underlined.
@@ -123,16 +156,12 @@ fn meant_pair(axis: &str, value: &str, candidates: &[Candidate]) -> Option<Strin
     Some(format!("{axis}={value}"))
 }
 
-/// A slug that is nearly it, or a value without its axis.
+/// A slug or a value that is nearly it.
 fn meant_word(word: &str, candidates: &[Candidate]) -> Option<String> {
-    let with_axis = |value: &str| {
-        let (axis, _) = pairs(candidates).find(|(_, text)| *text == value)?;
-        Some(format!("{axis}={value}"))
-    };
     let slugs = candidates.iter().map(|candidate| candidate.slug.as_str());
-    with_axis(word)
-        .or_else(|| did_you_mean(word, slugs).map(str::to_owned))
-        .or_else(|| with_axis(did_you_mean(word, pairs(candidates).map(|(_, value)| value))?))
+    let values = pairs(candidates).map(|(_, value)| value);
+    let meant = did_you_mean(word, slugs).or_else(|| did_you_mean(word, values))?;
+    Some(meant.to_owned())
 }
 
 /// What there is to select, as long as a person still reads it.
@@ -193,6 +222,10 @@ mod tests {
     #[case::a_glob(&["i686-*"], &[], "ab")]
     #[case::an_axis(&["virtualization=docker"], &[], "ac")]
     #[case::an_axis_with_a_glob(&["hardware=a*"], &[], "c")]
+    #[case::a_value(&["native"], &[], "b")]
+    #[case::a_value_with_a_glob(&["nat*"], &[], "b")]
+    #[case::letters_and_slugs_before_values(&["a*"], &[], "ac")]
+    #[case::a_value_to_skip(&[], &["docker"], "b")]
     #[case::skip_wins(&["virtualization=docker"], &["a"], "c")]
     fn patterns_select(#[case] only: &[&str], #[case] skip: &[&str], #[case] kept: &str) {
         assert_eq!(selected(only, skip).unwrap(), kept);
@@ -201,7 +234,7 @@ mod tests {
     #[rstest]
     #[case::a_misspelt_value(&["virtualization=dokcer"], "did you mean `virtualization=docker`?")]
     #[case::a_misspelt_axis(&["hardwear=i686"], "did you mean `hardware=i686`?")]
-    #[case::a_bare_value(&["docker"], "did you mean `virtualization=docker`?")]
+    #[case::a_misspelt_bare_value(&["dokcer"], "did you mean `docker`?")]
     #[case::a_letter_too_far(&["z"], "there are `a i686-docker`, `b i686-native`, `c arm64-docker`")]
     fn a_pattern_that_matches_nothing_is_an_error(#[case] only: &[&str], #[case] help: &str) {
         let found = selected(only, &[]).unwrap_err();

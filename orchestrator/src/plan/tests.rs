@@ -98,6 +98,8 @@ fn the_quick_profile_takes_at_most_five_minutes_for_two_scenarios_and_can_still_
     assert!(plan.record.measuring_s <= 300.0, "{}", plan.record.measuring_s);
     let attainable = plan.attainable.unwrap();
     assert!(attainable.worst.p < attainable.alpha, "{attainable:?}");
+    let windows = plan.windows.unwrap();
+    assert!(windows.can_reject(), "{windows:?}");
     assert!(plan.warnings.is_empty(), "{}", plan.warnings);
     assert_eq!(
         plan.record.scenarios[2].not_selected.as_deref(),

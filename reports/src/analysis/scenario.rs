@@ -135,6 +135,13 @@ impl ScenarioReport {
         self.windows.iter().filter(|window| window.is_counted).count()
     }
 
+    /// Windows that count and are not valid.
+    #[must_use]
+    pub fn windows_suspect(&self) -> usize {
+        let counted = self.windows.iter().filter(|window| window.is_counted);
+        counted.filter(|it| it.verdict != Verdict::Valid.name()).count()
+    }
+
     /// What to say of the windows that are not valid, a remark for each run of the same verdict for the same reasons;
     /// empty for a scenario that was never begun.
     #[must_use]

@@ -65,6 +65,10 @@ pub fn judge(nights: &[Night], settings: &Settings) -> Drift {
         .collect();
     Drift {
         nights: nights.iter().map(|night| night.run.clone()).collect(),
+        newest: nights
+            .last()
+            .map(|night| night.created.clone())
+            .unwrap_or_default(),
         judgements,
         remarks,
     }

@@ -364,15 +364,26 @@ mod tests {
     #[test]
     fn a_finding_says_which_windows_have_other_bytes() {
         let drift = history::judge(&nights(&["xyz", "xqq"]), &Settings::default());
-        insta::assert_snapshot!(drift.text(), @r"
+        insta::assert_snapshot!(drift.text(), @r#"
         Drift in night-1, against 1 earlier runs (drift: 1).
 
         Changed
         - a state has other bytes than before in night-1 (2 of 3 windows, the first is
           2); nothing else that is recorded changed with it
 
+        To acknowledge a change, write it into drift.yaml; the first of these is
+
+            acknowledged:
+              - scenario: "a"
+                metric: "state"
+                since: "night-1"
+                reason: why it is as it is
+                person: who says so
+                expires: 2027-01-31
+                baseline: keep
+
         Each scenario and metric
         - a state: drift
-        ");
+        "#);
     }
 }

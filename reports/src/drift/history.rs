@@ -46,6 +46,10 @@ pub fn judge(nights: &[Night], settings: &Settings) -> Drift {
     judgements.extend(gone(nights, &settings.acknowledgements));
     Drift {
         nights: nights.iter().map(|night| night.run.clone()).collect(),
+        newest: nights
+            .last()
+            .map(|night| night.created.clone())
+            .unwrap_or_default(),
         judgements,
         remarks,
     }
@@ -124,17 +128,43 @@ fn watched_nights(
 /// What is to be said where nothing was found that is new.
 fn quiet(series: &Series<'_>, watched: &Watched) -> Verdict {
     let before = series.points.len().saturating_sub(1);
+    if let Some(reason) = without_spread(series) {
+        return Verdict::TooLittle { reason };
+    }
     match watched.detectable {
         detectable @ Some(_) if before >= FEWEST_NIGHTS => Verdict::NoDrift { detectable },
-        _ if before >= FEWEST_NIGHTS => Verdict::TooLittle {
-            reason: "all nights have the very same number".to_owned(),
-        },
         _ => Verdict::TooLittle {
             reason: format!(
                 "{before} nights before the newest have a number, and how much nights differ takes {FEWEST_NIGHTS}"
             ),
         },
     }
+}
+
+/// That the first nights do not differ at all, and no later ones enough: how far off another would be is not known, not even of one
+/// that is. None where enough nights differ.
+fn without_spread(series: &Series<'_>) -> Option<String> {
+    let first = series.points.first()?;
+    let is_the_same = |point: &Point<'_>| point.level.to_bits() == first.level.to_bits();
+    let same = series
+        .points
+        .iter()
+        .take_while(|point| is_the_same(point))
+        .count();
+    let others = series.points.get(same..).unwrap_or_default();
+    if same < FEWEST_NIGHTS || others.len() >= FEWEST_NIGHTS {
+        return None;
+    }
+    let text = |level: f64| series.metric.text(level);
+    Some(match others.last() {
+        None => "all nights have the very same number".to_owned(),
+        Some(newest) => format!(
+            "the first {same} nights have the very same number, {}, and the newest has {}: how much nights differ is not known from nights \
+             that do not",
+            text(first.level),
+            text(newest.level)
+        ),
+    })
 }
 
 /// That nights are not independent of each other, where they are not.

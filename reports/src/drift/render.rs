@@ -3,9 +3,14 @@
 mod github;
 mod json;
 mod junit;
+mod page;
 mod text;
 
 pub use json::DriftDocument;
+
+use std::time::Duration;
+
+use serde_json::json;
 
 use super::{Cause, Change, Drift, Finding, Judgement, Kind, Metric, Verdict};
 use crate::explain::Found;
@@ -38,6 +43,27 @@ impl Drift {
                 true => "nothing was judged".to_owned(),
                 false => parts.join(", "),
             }
+        )
+    }
+
+    /// The entry of `drift.yaml` that would acknowledge a change for some months, but for who says so and why.
+    fn acknowledgement(&self, judgement: &Judgement, finding: &Finding) -> String {
+        /// A change that stays is looked at again after so long.
+        const MONTHS: Duration = Duration::from_secs(90 * 24 * 3600);
+        // Text in JSON is text in YAML.
+        let text = |text: &str| json!(text).to_string();
+        let newest = humantime::parse_rfc3339(&self.newest).ok();
+        let day = newest.and_then(|newest| newest.checked_add(MONTHS));
+        let day = day.map_or_else(String::new, |day| {
+            humantime::format_rfc3339_seconds(day).to_string()
+        });
+        format!(
+            "acknowledged:\n  - scenario: {}\n    metric: {}\n    since: {}\n    reason: why it is as it is\n    person: who says so\n    \
+             expires: {}\n    baseline: keep\n",
+            text(&judgement.scenario),
+            text(judgement.metric.name()),
+            text(&finding.since),
+            day.get(..10).unwrap_or("YYYY-MM-DD")
         )
     }
 
@@ -88,10 +114,14 @@ impl Finding {
             }
         };
         let (from, to) = (metric.text(level.before), metric.text(level.since));
+        let percent = match level.before {
+            0.0 => String::new(),
+            before => format!(" ({:+.1} %)", (level.since - before) / before.abs() * 100.0),
+        };
         let change = match self.kind {
-            Kind::Jump => format!("jumped from {from} to {to}"),
-            Kind::Slope => format!("went little by little from {from} to {to}"),
-            Kind::FromBaseline => format!("is {to}, and was {from} in the baseline"),
+            Kind::Jump => format!("jumped from {from} to {to}{percent}"),
+            Kind::Slope => format!("went little by little from {from} to {to}{percent}"),
+            Kind::FromBaseline => format!("is {to}, and was {from} in the baseline{percent}"),
         };
         let explained = match &self.explained {
             None => String::new(),
@@ -141,27 +171,31 @@ impl Cause {
     }
 
     fn in_words(&self) -> String {
-        let few = |mut all: Vec<String>| {
-            let more = all.len().saturating_sub(MOST_NAMED);
-            all.truncate(MOST_NAMED);
-            match more {
-                0 => all.join(", "),
-                more => format!("{} and {more} more", all.join(", ")),
-            }
-        };
+        let parts = parts_of(self);
         match self {
-            Self::Configuration(fields) => {
-                format!("what was asked for changed with it: {}", few(fields.clone()))
-            }
-            Self::Infrastructure(differences) => {
-                let value = |value: &Option<String>| value.clone().unwrap_or_else(|| "nothing".to_owned());
-                let told = differences
-                    .iter()
-                    .map(|it| format!("{} {} → {}", it.field, value(&it.first), value(&it.second)));
-                format!("what it runs on changed with it: {}", few(told.collect()))
-            }
+            Self::Configuration(_) => format!("what was asked for changed with it: {parts}"),
+            Self::Infrastructure(_) => format!("what it runs on changed with it: {parts}"),
             Self::Unexplained => "nothing else that is recorded changed with it".to_owned(),
         }
+    }
+}
+
+/// What of it changed, the first of it; empty where nothing that is recorded did.
+fn parts_of(cause: &Cause) -> String {
+    let value = |value: &Option<String>| value.clone().unwrap_or_else(|| "nothing".to_owned());
+    let mut all: Vec<String> = match cause {
+        Cause::Configuration(fields) => fields.clone(),
+        Cause::Infrastructure(differences) => differences
+            .iter()
+            .map(|it| format!("{} {} → {}", it.field, value(&it.first), value(&it.second)))
+            .collect(),
+        Cause::Unexplained => Vec::new(),
+    };
+    let more = all.len().saturating_sub(MOST_NAMED);
+    all.truncate(MOST_NAMED);
+    match more {
+        0 => all.join(", "),
+        more => format!("{} and {more} more", all.join(", ")),
     }
 }
 

@@ -70,6 +70,22 @@ pub fn series_of(nights: &[Night]) -> Vec<Series<'_>> {
     all
 }
 
+/// Every scenario and metric that any night has numbers of.
+pub(super) fn every_series(nights: &[Night]) -> Vec<Series<'_>> {
+    let scenarios: BTreeSet<&str> = nights
+        .iter()
+        .flat_map(|night| night.scenarios.keys().map(String::as_str))
+        .collect();
+    let of = |scenario| {
+        metrics(nights, scenario)
+            .into_iter()
+            .map(move |metric| (scenario, metric))
+    };
+    let all = scenarios.into_iter().flat_map(of);
+    all.map(|(scenario, metric)| Series::of(nights, scenario, metric))
+        .collect()
+}
+
 /// Whether a metric of a user's experiment is none of it any more: it was renamed, or has another unit. Its earlier nights are no lack
 /// of the newest.
 fn is_given_up(newest: &Night, scenario: &str, metric: &Metric) -> bool {
@@ -221,9 +237,14 @@ impl Cause {
             .into_iter()
             .map(|(field, ..)| field)
             .collect();
-        if !fields.is_empty() {
-            return Self::Configuration(fields);
+        match fields.is_empty() {
+            true => Self::between_platforms(before, since),
+            false => Self::Configuration(fields),
         }
+    }
+
+    /// The same, whatever was asked for.
+    pub(super) fn between_platforms(before: &Measured, since: &Measured) -> Self {
         let differences = before
             .environment
             .as_ref()

@@ -172,6 +172,86 @@ fn a_jump_is_told_in_its_night_and_ever_since(#[case] newest: usize) {
     assert!(level(finding).p < 0.01);
 }
 
+// Of nights that do not differ nobody can say how rare another is: with so few, it may be one in twelve.
+#[test]
+fn a_night_that_differs_from_nights_that_are_all_the_same_is_no_pass_and_told_with_both_numbers() {
+    let all: Vec<Night> = (0..12)
+        .map(|number| night(number, if number < 11 { USUAL_M } else { USUAL_M * 100.0 }))
+        .collect();
+    let reason = |nights: &[Night]| match judged(nights).verdict {
+        Verdict::TooLittle { reason } => reason,
+        other => panic!("{other:?}"),
+    };
+    assert_eq!(reason(&all[..11]), "all nights have the very same number");
+    let told = reason(&all);
+    assert!(
+        told.starts_with("the first 11 nights have the very same number, 200")
+            && told.contains("and the newest has 20000"),
+        "{told}"
+    );
+}
+
+#[test]
+fn the_page_of_a_history_has_the_change_first_how_to_acknowledge_it_and_each_night_as_a_dot() {
+    let mut all = nights(30, 5, |number| USUAL_M + if number >= 20 { 0.012 } else { 0.0 });
+    for night in all.iter_mut().skip(20) {
+        let measured = night.scenarios.get_mut(SCENARIO).unwrap();
+        measured.environment.as_mut().unwrap().platform = kernel("6.12 <b>");
+    }
+    let page = history::judge(&all, &Settings::default()).page(&all);
+    let place = |words: &str| page.find(words).unwrap_or_else(|| panic!("{words}: {page}"));
+    assert!(place("Drift in night-029") < place("jumped from 200"));
+    assert!(place("jumped from 200") < place("since: &quot;night-020&quot;"));
+    // Ninety days after the newest night.
+    assert!(
+        page.contains("expires: 2026-05-03") && page.contains("baseline: keep"),
+        "{page}"
+    );
+    assert!(place("class=\"news\"") > place("<section"), "{page}");
+    let dots = page.split("class=\"dots\" d=\"").nth(1).unwrap();
+    assert_eq!(dots.split('"').next().unwrap().matches("h0").count(), 30);
+    assert!(page.contains("kernel 6.1 → 6.12 &lt;b&gt;"), "{page}");
+    // The name of SVG's language is no address that is fetched.
+    for word in ["http:", "https:", "src=", "<script", "url("] {
+        assert!(!page.contains(word), "{word}");
+    }
+}
+
+#[test]
+fn a_year_of_a_large_laboratory_is_a_page_of_less_than_five_megabytes() {
+    let mut all = nights(365, 1, |_| USUAL_M);
+    for night in &mut all {
+        let measured = night.scenarios.remove(SCENARIO).unwrap();
+        let levels = measured.values[&Metric::TrackingError].clone();
+        for scenario in 0..50 {
+            let mut one = measured.clone();
+            one.values = Metric::OURS
+                .into_iter()
+                .map(|metric| (metric, levels.clone()))
+                .collect();
+            night.scenarios.insert(format!("scenario-{scenario}"), one);
+        }
+    }
+    // What is judged is drawn: the judging itself takes longer, and is not what this is about.
+    let judgement = judged(&nights(30, 1, |_| USUAL_M));
+    let drift = Drift {
+        nights: all.iter().map(|night| night.run.clone()).collect(),
+        newest: String::new(),
+        judgements: (0..50)
+            .flat_map(|scenario| Metric::OURS.into_iter().map(move |metric| (scenario, metric)))
+            .map(|(scenario, metric)| Judgement {
+                scenario: format!("scenario-{scenario}"),
+                metric,
+                ..judgement.clone()
+            })
+            .collect(),
+        remarks: Vec::new(),
+    };
+    let page = drift.page(&all);
+    assert_eq!(page.matches("<svg").count(), 250);
+    assert!(page.len() < 5_000_000, "{} bytes", page.len());
+}
+
 #[test]
 fn one_night_far_off_is_told_once() {
     let all = nights(40, 2, |number| USUAL_M + if number == 30 { 0.02 } else { 0.0 });
@@ -579,6 +659,7 @@ fn drift_anywhere_is_the_verdict_and_no_drift_only_if_nothing_else_is() {
     ];
     for worst in 0..all.len() {
         let drift = Drift {
+            newest: String::new(),
             nights: vec![],
             judgements: all[..=worst].iter().cloned().map(judgement).collect(),
             remarks: vec![],

@@ -19,6 +19,7 @@ mod latex;
 mod pairs;
 mod pdf;
 mod schematic;
+mod sweep;
 mod topology;
 mod trajectory;
 
@@ -58,6 +59,8 @@ impl Figure {
 pub enum Kind {
     /// The shifts of all pairs with their intervals.
     Forest,
+    /// The metric against a swept setting.
+    Sweep,
     /// What the difference of a pair comes from.
     Causes,
     /// The control loop with the network's delays.
@@ -76,8 +79,9 @@ pub enum Kind {
 
 impl Kind {
     /// All of them.
-    pub const ALL: [Self; 8] = [
+    pub const ALL: [Self; 9] = [
         Self::Forest,
+        Self::Sweep,
         Self::Causes,
         Self::ControlLoop,
         Self::Topology,
@@ -92,6 +96,7 @@ impl Kind {
     pub const fn prefix(self) -> &'static str {
         match self {
             Self::Forest => "forest",
+            Self::Sweep => "sweep",
             Self::Causes => "causes",
             Self::ControlLoop => "control-loop",
             Self::Topology => "topology",
@@ -109,6 +114,7 @@ impl Kind {
 /// When the drawing library fails.
 pub fn draw(run: &Run, report: &Report) -> Result<Vec<Figure>, FigureError> {
     let mut figures = Vec::from_iter(forest::draw(report)?);
+    figures.extend(sweep::draw(report)?);
     for pair in &report.causes {
         figures.extend(forest::parts(report, pair)?);
     }

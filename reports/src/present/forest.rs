@@ -26,6 +26,8 @@ pub(crate) struct Shift {
     pub(crate) shift: Estimate,
     /// The interval that holds for all pairs of the family at once; none where so few windows or environments cannot have it.
     pub(crate) all: Option<Interval>,
+    /// The p-value of that unit, adjusted by Holm's method; none where it has no test.
+    pub(crate) p_holm: Option<f64>,
     pub(crate) verdict: Verdict,
 }
 
@@ -46,6 +48,7 @@ impl Shift {
             b: pair.b.clone(),
             shift: pair.effect.shift,
             all: pair.simultaneous,
+            p_holm: Some(pair.p_holm),
             verdict: pair.verdict,
         }
     }
@@ -61,6 +64,7 @@ impl Shift {
                 interval: found.and_then(alone),
             },
             all: found.and_then(|it| it.interval.filter(|_| it.is_simultaneous)),
+            p_holm: found.map(|it| it.p_holm),
             verdict: pair.verdict,
         }
     }

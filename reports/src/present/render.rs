@@ -6,6 +6,7 @@ mod html;
 mod json;
 mod latex;
 mod markdown;
+mod summary;
 
 pub use document::ReportDocument;
 pub use latex::LatexTable;
@@ -14,7 +15,13 @@ pub(crate) use latex::prose;
 use crate::present::{Presentation, figure::Figure};
 
 impl Presentation<'_> {
-    /// As Markdown, at most 80 columns wide unless a name is longer: for the terminal and for `report/tables.md`.
+    /// The conclusion, the scenarios and what a reader must know, for one screen of a terminal.
+    #[must_use]
+    pub fn summary(&self) -> String {
+        summary::render(self)
+    }
+
+    /// As Markdown, at most 80 columns wide unless a name is longer: `report/tables.md`.
     #[must_use]
     pub fn markdown(&self) -> String {
         markdown::render(self)

@@ -16,12 +16,14 @@ mod replays;
 mod replicates;
 mod schedule;
 mod shifts;
+mod sweeps;
 mod within;
 mod within_scenarios;
 
 use std::collections::{BTreeMap, BTreeSet};
 
 pub(crate) use agreement::of as agreements;
+pub(crate) use contrasts::p_in_words;
 pub(crate) use shifts::of as shifts;
 
 use record::window::Verdict;
@@ -71,10 +73,7 @@ impl Table {
 /// In place of a number that there is none of.
 pub(crate) const NO_DATA: &str = "no data";
 
-/// Characters that a scenario's name may take in a table of 80 columns; its letter is its identity there.
-const NAME_WIDTH: usize = 28;
-
-/// And that of a platform.
+/// Characters that a platform's name may take in a table of 80 columns.
 const PLATFORM_WIDTH: usize = 16;
 
 const NOT_INDEPENDENT: &str = "The pairs of a count share their windows: with four windows a side, 16 pairs are made of \
@@ -101,7 +100,8 @@ pub(crate) fn of_the_paper(report: &Report) -> Result<Vec<Table>, FrameError> {
 
 /// What stands beside them.
 pub(crate) fn beside(report: &Report) -> Vec<Table> {
-    let mut tables = Vec::from_iter(conclusions::of(report));
+    let mut tables = Vec::from_iter(sweeps::of(report));
+    tables.extend(conclusions::of(report));
     tables.extend(replicates::of(report));
     tables.extend(contrasts::of(report));
     tables.extend(differences::of(report));
@@ -146,10 +146,6 @@ fn marked(count: String, is_unlike: bool) -> String {
 fn unlike_note(rows: &[Vec<String>]) -> Option<String> {
     let is_marked = rows.iter().flatten().any(|cell| cell.ends_with(" *"));
     is_marked.then(|| "* Not the same experiment: see the remark above.".to_owned())
-}
-
-fn clipped(name: &str) -> String {
-    clipped_to(name, NAME_WIDTH)
 }
 
 fn clipped_to(name: &str, width: usize) -> String {

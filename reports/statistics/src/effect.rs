@@ -211,6 +211,18 @@ fn superiority(merged: &PooledRanks, first: usize) -> Estimate {
     Estimate { value, interval }
 }
 
+/// The interval of the mean of some levels at [`CONFIDENCE`], by Student's distribution; none of fewer than two.
+#[must_use]
+pub fn mean_interval(levels: &[f64]) -> Option<Interval> {
+    let (mean, variance) = level(levels).zip(variance_of_mean(levels))?;
+    let reach = student_quantile((levels.len() - 1) as f64, CONFIDENCE)? * variance.sqrt();
+    Some(Interval {
+        low: mean - reach,
+        high: mean + reach,
+        confidence: CONFIDENCE,
+    })
+}
+
 /// s²/n; none of fewer than two.
 fn variance_of_mean(values: &[f64]) -> Option<f64> {
     let mean = level(values).filter(|_| values.len() > 1)?;
@@ -353,5 +365,15 @@ mod tests {
         assert_eq!(effect.wasserstein.interval, None);
         assert_eq!(effect.superiority.interval, None);
         assert_eq!(of(&[], &[&[1.0]]), None);
+    }
+
+    // Student's quantile for two degrees of freedom is 4.302653, as every table of it has.
+    #[test]
+    fn the_interval_of_a_mean_is_students() {
+        let interval = mean_interval(&[1.0, 2.0, 3.0]).unwrap();
+        let reach = 4.302_653 / 3.0_f64.sqrt();
+        assert!((interval.low - (2.0 - reach)).abs() < 1e-5, "{interval:?}");
+        assert!((interval.high - (2.0 + reach)).abs() < 1e-5, "{interval:?}");
+        assert_eq!(mean_interval(&[1.0]), None);
     }
 }

@@ -13,6 +13,7 @@ mod hostile;
 mod page;
 mod recorded;
 mod redacted;
+mod summary;
 mod synthetic;
 mod tables;
 mod true_position;

@@ -25,12 +25,12 @@ fn between<'a>(page: &'a str, from: &str, to: &str) -> &'a str {
 #[test]
 fn it_begins_with_what_was_found() {
     let nine = page(&nine());
-    insta::assert_snapshot!(between(&nine, "<p id=\"verdict\">", "</p>"));
+    insta::assert_snapshot!(between(&nine, "<div id=\"verdict\">", "</div>"));
     assert!(nine.find("id=\"verdict\"") < nine.find("<table"));
 
     let nothing = page(&[Scenario::ended("a", Outcome::Errored, "no box")]);
-    let verdict = between(&nothing, "<p id=\"verdict\">", "</p>");
-    assert!(verdict.starts_with("No two scenarios"), "{verdict}");
+    let verdict = between(&nothing, "<div id=\"verdict\">", "</div>");
+    assert!(verdict.starts_with("<p><strong>No two scenarios"), "{verdict}");
 }
 
 #[test]

@@ -233,7 +233,10 @@ fn planned(id: String, scenario: &Scenario) -> PlannedScenario {
         fix: scenario.infeasible.map(|_| "add a host that can".to_owned()),
         not_selected: scenario.not_selected.map(str::to_owned),
         simulated: false,
-        settings: settings(),
+        settings: Settings {
+            windows: u32::try_from(scenario.errors_m.len()).unwrap().max(4),
+            ..settings()
+        },
     }
 }
 

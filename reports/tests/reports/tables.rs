@@ -515,12 +515,11 @@ fn what_was_computed_is_said_first() {
     assert_eq!(json_of(&report)["simulated"], json!(true));
     assert_eq!(json_of(&report)["scenarios"][0]["simulated"], json!(true));
     let markdown = report.present().markdown();
+    let first = markdown.lines().nth(2).unwrap();
+    assert!(first.starts_with("Simulated, not measured: "), "{first}");
     assert!(
-        markdown
-            .lines()
-            .nth(2)
-            .unwrap()
-            .starts_with("> **SIMULATED, NOT MEASURED: scenario a was computed")
+        markdown.contains("\n> **SIMULATED, NOT MEASURED: scenario a was computed"),
+        "{markdown}"
     );
     assert!(
         report

@@ -13,14 +13,14 @@ use serde::{Deserialize, Deserializer, Serialize, Serializer, de};
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
 pub enum QuantityError {
     /// A bare number, such as `10`.
-    #[error("`{text}` has no unit: write {what} as `{example}`; the units are {units}")]
+    #[error("`{text}` has no unit: write {what} as {readings}; the units are {units}")]
     NoUnit {
         /// What was written.
         text: String,
         /// What kind of quantity was wanted.
         what: &'static str,
-        /// A valid one.
-        example: String,
+        /// What may have been meant, such as "`10s` or `10ms`".
+        readings: String,
         /// The units that are known.
         units: String,
     },
@@ -47,20 +47,29 @@ pub enum QuantityError {
         example: &'static str,
     },
     /// Too large or too small for the quantity.
-    #[error("`{text}` is out of range for {what}")]
+    #[error("`{text}` is out of range for {what}: write one from `{least}` to `{most}`")]
     OutOfRange {
         /// What was written.
         text: String,
         /// What kind of quantity was wanted.
         what: &'static str,
+        /// The smallest.
+        least: String,
+        /// The largest.
+        most: String,
     },
 }
 
-/// The units of one kind of quantity, each with its factor to the base unit, smallest first.
+/// One kind of quantity.
 struct Kind {
     what: &'static str,
     example: &'static str,
+    /// Each unit with its factor to the base unit, smallest first.
     units: &'static [(&'static str, f64)],
+    /// What a bare number may have been meant in, the likeliest first: by how much to multiply it, and a unit.
+    bare: &'static [(f64, &'static str)],
+    /// The smallest and the largest value, in the base unit.
+    range: [f64; 2],
 }
 
 impl Kind {
@@ -80,26 +89,58 @@ impl Kind {
             return Err(self.not_a_number(text));
         }
         if unit.is_empty() {
-            let usual = self.example.trim_start_matches(|c: char| c.is_ascii_digit());
             return Err(QuantityError::NoUnit {
                 text: text.to_owned(),
                 what: self.what,
-                example: format!("{trimmed}{usual}"),
+                readings: self.readings(value),
                 units: self.unit_names(),
             });
         }
-        let factor = self
-            .units
-            .iter()
-            .find(|(name, _)| *name == unit)
-            .map(|(_, factor)| *factor);
-        let factor = factor.ok_or_else(|| QuantityError::WrongUnit {
+        let factor = self.factor(unit).ok_or_else(|| QuantityError::WrongUnit {
             unit: unit.to_owned(),
             what: self.what,
             units: self.unit_names(),
             example: self.example,
         })?;
-        Ok(value * factor)
+        let value = value * factor;
+        match self.has(value) {
+            true => Ok(value),
+            false => Err(QuantityError::OutOfRange {
+                text: text.to_owned(),
+                what: self.what,
+                least: self.spell(self.range[0]),
+                most: self.spell(self.range[1]),
+            }),
+        }
+    }
+
+    fn factor(&self, unit: &str) -> Option<f64> {
+        let known = self.units.iter().find(|(name, _)| *name == unit);
+        known.map(|(_, factor)| *factor)
+    }
+
+    fn has(&self, value: f64) -> bool {
+        let [least, most] = self.range;
+        (least..=most).contains(&value)
+    }
+
+    /// What a bare number may have been meant as: nobody can know whether `32` are seconds or milliseconds, or whether
+    /// `0.01` is a share of one or of a hundred.
+    fn readings(&self, value: f64) -> String {
+        // 0.07 times 100 is 7, and not 7.000000000000001.
+        let rounded = |value: f64| (value * 1e9).round() / 1e9;
+        let possible = self
+            .bare
+            .iter()
+            .map(|(times, unit)| (rounded(value * times), *unit));
+        let possible =
+            possible.filter(|(value, unit)| self.has(value * self.factor(unit).unwrap_or(f64::NAN)));
+        let mut texts: Vec<_> = possible.map(|(value, unit)| format!("`{value}{unit}`")).collect();
+        texts.dedup();
+        match texts.is_empty() {
+            true => format!("`{}`", self.example),
+            false => texts.join(" or "),
+        }
     }
 
     fn unit_names(&self) -> String {
@@ -146,9 +187,7 @@ macro_rules! text_forms {
             type Err = QuantityError;
 
             fn from_str(text: &str) -> Result<Self, QuantityError> {
-                let value = $kind.parse(text)?;
-                Self::from_base_unit(value)
-                    .ok_or_else(|| QuantityError::OutOfRange { text: text.to_owned(), what: $kind.what })
+                $kind.parse(text).map(Self::from_base_unit)
             }
         }
 
@@ -218,6 +257,9 @@ const TIME: Kind = Kind {
         ("min", 60e9),
         ("h", 3600e9),
     ],
+    bare: &[(1.0, "s"), (1.0, "ms")],
+    // 2^53 ns are 104 days: beyond that a double is no longer exact, and no window is that long.
+    range: [0.0, 9_007_199e9],
 };
 
 /// A length of time, exact to the nanosecond.
@@ -259,10 +301,8 @@ impl TimeSpan {
         self.0.as_nanos() as f64
     }
 
-    fn from_base_unit(nanoseconds: f64) -> Option<Self> {
-        // 2^53 ns are 104 days: beyond that a double is no longer exact, and no window is that long.
-        (nanoseconds <= 9_007_199_254_740_992.0)
-            .then(|| Self(Duration::from_nanos(nanoseconds.round() as u64)))
+    fn from_base_unit(nanoseconds: f64) -> Self {
+        Self(Duration::from_nanos(nanoseconds.round() as u64))
     }
 }
 
@@ -278,6 +318,9 @@ const FREQUENCY: Kind = Kind {
     what: "a rate",
     example: "50Hz",
     units: &[("Hz", 1.0), ("kHz", 1e3)],
+    bare: &[(1.0, "Hz")],
+    // Once in twelve days is as seldom as anything happens that is counted here.
+    range: [1e-6, 1e6],
 };
 
 /// How often something happens, in hertz.
@@ -307,8 +350,8 @@ impl Frequency {
         self.0
     }
 
-    fn from_base_unit(hertz: f64) -> Option<Self> {
-        (hertz > 0.0 && hertz <= 1e6).then_some(Self(hertz))
+    fn from_base_unit(hertz: f64) -> Self {
+        Self(hertz)
     }
 }
 
@@ -318,6 +361,8 @@ const FRACTION: Kind = Kind {
     what: "a share",
     example: "1%",
     units: &[("%", 1.0)],
+    bare: &[(100.0, "%"), (1.0, "%")],
+    range: [0.0, 100.0],
 };
 
 /// A share from 0 % to 100 %, kept in percent so that `1%` reads back as `1%`.
@@ -341,8 +386,8 @@ impl Fraction {
         self.0
     }
 
-    fn from_base_unit(percent: f64) -> Option<Self> {
-        (percent <= 100.0).then_some(Self(percent))
+    fn from_base_unit(percent: f64) -> Self {
+        Self(percent)
     }
 }
 
@@ -353,6 +398,8 @@ const BIT_RATE: Kind = Kind {
     example: "10Mbit",
     // As `tc` and Mininet write them: decimal, bits a second.
     units: &[("bit", 1.0), ("kbit", 1e3), ("Mbit", 1e6), ("Gbit", 1e9)],
+    bare: &[(1.0, "Mbit"), (1.0, "bit")],
+    range: [1.0, 1e12],
 };
 
 /// Bits a second.
@@ -376,8 +423,8 @@ impl BitRate {
         self.0 as f64
     }
 
-    fn from_base_unit(bits: f64) -> Option<Self> {
-        (1.0..=1e12).contains(&bits).then(|| Self(bits.round() as u64))
+    fn from_base_unit(bits: f64) -> Self {
+        Self(bits.round() as u64)
     }
 }
 
@@ -392,6 +439,8 @@ const LENGTH: Kind = Kind {
     example: "2mm",
     // Kept in micrometres, so that `2mm` reads back as `2mm`.
     units: &[("um", 1.0), ("mm", 1e3), ("cm", 1e4), ("m", 1e6)],
+    bare: &[(1.0, "mm"), (1.0, "m")],
+    range: [0.001, 1e9],
 };
 
 /// A length in space.
@@ -415,8 +464,8 @@ impl Length {
         self.0
     }
 
-    fn from_base_unit(micrometres: f64) -> Option<Self> {
-        (micrometres > 0.0 && micrometres <= 1e9).then_some(Self(micrometres))
+    fn from_base_unit(micrometres: f64) -> Self {
+        Self(micrometres)
     }
 }
 
@@ -431,6 +480,9 @@ const BYTES: Kind = Kind {
         ("MiB", 1_048_576.0),
         ("GiB", 1_073_741_824.0),
     ],
+    bare: &[(1.0, "MiB"), (1.0, "B")],
+    // Beyond 2^53 a double is no longer exact.
+    range: [0.0, 9_007_199_254_740_992.0],
 };
 
 /// A number of bytes.
@@ -454,8 +506,8 @@ impl Bytes {
         self.0 as f64
     }
 
-    fn from_base_unit(bytes: f64) -> Option<Self> {
-        (bytes <= 9_007_199_254_740_992.0).then(|| Self(bytes.round() as u64))
+    fn from_base_unit(bytes: f64) -> Self {
+        Self(bytes.round() as u64)
     }
 }
 
@@ -492,15 +544,31 @@ mod tests {
         let error = "10".parse::<TimeSpan>().unwrap_err();
         assert_eq!(
             error.to_string(),
-            "`10` has no unit: write a duration as `10ms`; the units are `ns`, `us`, `ms`, `s`, `min`, `h`"
+            "`10` has no unit: write a duration as `10s` or `10ms`; the units are `ns`, `us`, `ms`, `s`, `min`, `h`"
         );
         let error = serde_json::from_str::<BitRate>("10").unwrap_err();
         assert!(
             error
                 .to_string()
-                .starts_with("`10` has no unit: write a bandwidth as `10Mbit`"),
+                .starts_with("`10` has no unit: write a bandwidth as `10Mbit` or `10bit`;"),
             "{error}"
         );
+    }
+
+    #[rstest::rstest]
+    #[case("0.01", "`1%` or `0.01%`")]
+    #[case("0.07", "`7%` or `0.07%`")]
+    #[case("1", "`100%` or `1%`")]
+    #[case("0", "`0%`")]
+    #[case("5", "`5%`")]
+    #[case("500", "`1%`")]
+    fn a_share_without_its_unit_may_be_one_of_a_hundred_or_of_one(
+        #[case] text: &str,
+        #[case] readings: &str,
+    ) {
+        let error = text.parse::<Fraction>().unwrap_err();
+        let expected = format!("`{text}` has no unit: write a share as {readings}; the units are `%`");
+        assert_eq!(error.to_string(), expected);
     }
 
     #[test]
@@ -525,16 +593,25 @@ mod tests {
     }
 
     #[test]
-    fn a_share_above_the_whole_is_refused() {
-        assert!(matches!(
-            "101%".parse::<Fraction>(),
-            Err(QuantityError::OutOfRange { .. })
-        ));
+    fn what_is_out_of_range_is_refused_with_the_range() {
+        let error = |error: QuantityError| error.to_string();
+        assert_eq!(
+            "101%".parse::<Fraction>().map_err(error),
+            Err("`101%` is out of range for a share: write one from `0%` to `100%`".to_owned())
+        );
+        assert_eq!(
+            "0Hz".parse::<Frequency>().map_err(error),
+            Err("`0Hz` is out of range for a rate: write one from `0.000001Hz` to `1000kHz`".to_owned())
+        );
+        assert_eq!(
+            "9999h".parse::<TimeSpan>().map_err(error),
+            Err("`9999h` is out of range for a duration: write one from `0ns` to `9007199s`".to_owned())
+        );
     }
 
     proptest::proptest! {
         #[test]
-        fn every_duration_reads_back_as_it_was(ns in 0_u64..9_007_199_254_740_992) {
+        fn every_duration_reads_back_as_it_was(ns in 0_u64..9_007_199_000_000_000) {
             let span = TimeSpan::from(Duration::from_nanos(ns));
             proptest::prop_assert!(span.to_string().parse::<TimeSpan>().unwrap().as_nanos().abs_diff(ns) <= 1);
         }

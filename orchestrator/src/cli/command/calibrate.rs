@@ -15,6 +15,7 @@ use serde::Serialize;
 use crate::cli::{
     command::{options::OutputArguments, report::unreadable},
     completion,
+    run_argument::run_argument,
     terminal::{self, CommandError},
 };
 
@@ -22,7 +23,7 @@ use crate::cli::{
 #[derive(Debug, Args)]
 pub struct CalibrateArguments {
     /// The run directory.
-    #[arg(add = completion::runs())]
+    #[arg(value_parser = run_argument(), add = completion::runs())]
     run: PathBuf,
     /// How many made-up experiments without a difference each method is tried on.
     #[arg(long, value_name = "N", default_value_t = 400, value_parser = clap::value_parser!(u32).range(1..=100_000))]

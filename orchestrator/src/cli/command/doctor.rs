@@ -111,7 +111,15 @@ pub async fn execute(arguments: &DoctorArguments, catalogue: Catalogue) -> Resul
             .collect();
         terminal::result(&format!("{}\n{}", table(&answers, catalogue), texts.join("\n")));
     }
-    Ok(Exit::Done)
+    Ok(exit(&answers, catalogue))
+}
+
+/// A script that asks before it measures learns from this that it cannot.
+fn exit(answers: &[Examination], catalogue: Catalogue) -> Exit {
+    match answers.iter().any(|answer| answer.is_lacking(catalogue)) {
+        true => Exit::Infrastructure,
+        false => Exit::Done,
+    }
 }
 
 /// All hosts at a glance.
@@ -207,13 +215,12 @@ async fn of_this_machine(json: bool, catalogue: Catalogue) -> Result<Exit, Comma
     let answer = examination::of_this_machine(catalogue).await;
     match answer.checks {
         Err(error) => Err(CommandError::new(Exit::Infrastructure, &error, error.hint())),
-        Ok(_) if json => {
-            terminal::json(&DoctorDocument::Machine(Box::new(record(&answer))));
-            Ok(Exit::Done)
-        }
         Ok(_) => {
-            terminal::result(&as_text("this machine", &answer));
-            Ok(Exit::Done)
+            match json {
+                true => terminal::json(&DoctorDocument::Machine(Box::new(record(&answer)))),
+                false => terminal::result(&as_text("this machine", &answer)),
+            }
+            Ok(exit(&[answer], catalogue))
         }
     }
 }

@@ -23,6 +23,7 @@ use crate::{
     cli::{
         command::{options::OutputArguments, report::unreadable},
         completion,
+        run_argument::run_argument,
         terminal::{self, CommandError},
     },
     matrix_file::{self, Diagnostics},
@@ -35,10 +36,10 @@ pub struct DriftArguments {
     #[arg(required_unless_present = "candidate", conflicts_with_all = ["candidate", "baseline"])]
     history: Option<PathBuf>,
     /// Run directories that are known to be good.
-    #[arg(long, value_name = "RUN", num_args = 1.., requires = "candidate", add = completion::runs())]
+    #[arg(long, value_name = "RUN", num_args = 1.., requires = "candidate", value_parser = run_argument(), add = completion::runs())]
     baseline: Vec<PathBuf>,
     /// The run directory that is judged against them.
-    #[arg(long, value_name = "RUN", requires = "baseline", add = completion::runs())]
+    #[arg(long, value_name = "RUN", requires = "baseline", value_parser = run_argument(), add = completion::runs())]
     candidate: Option<PathBuf>,
     /// The probability, each night, of a false finding among all scenarios and metrics.
     #[arg(long, value_name = "P", default_value_t = 0.01, value_parser = probability)]
@@ -55,6 +56,9 @@ pub struct DriftArguments {
     /// Compare every two scenarios of the same experiment, too, with the night as a block.
     #[arg(long, requires = "history")]
     between_scenarios: bool,
+    /// Write the history of each scenario and metric there, as a page for a browser.
+    #[arg(long, value_name = "FILE")]
+    html: Option<PathBuf>,
     /// Write JUnit's XML there.
     #[arg(long, value_name = "FILE")]
     junit: Option<PathBuf>,
@@ -132,6 +136,9 @@ pub fn execute(arguments: &DriftArguments) -> Result<Exit, CommandError> {
     let contrasts = arguments
         .between_scenarios
         .then(|| NightContrasts::of(&nights, settings.alpha, settings.seed));
+    if let Some(path) = &arguments.html {
+        fs::write(path, found.page(&nights)).map_err(|error| unwritable(path, &error))?;
+    }
     tell(arguments, &found, contrasts.as_ref())?;
     Ok(match found.verdict() {
         Verdict::NoDrift { .. } => Exit::Done,

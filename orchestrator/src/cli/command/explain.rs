@@ -11,6 +11,7 @@ use serde::Serialize;
 use crate::cli::{
     command::{options::OutputArguments, report::unreadable},
     completion,
+    run_argument::run_argument,
     terminal::{self, CommandError},
 };
 
@@ -18,7 +19,7 @@ use crate::cli::{
 #[derive(Debug, Args)]
 pub struct ExplainArguments {
     /// The run directory.
-    #[arg(add = completion::runs())]
+    #[arg(value_parser = run_argument(), add = completion::runs())]
     run: PathBuf,
     /// A scenario: its letter or slug. When both are left out, every pair is explained that the report says differs.
     #[arg(value_name = "A", requires = "second", add = completion::scenarios_of_run())]

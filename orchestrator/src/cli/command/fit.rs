@@ -20,6 +20,7 @@ use reports::fit::{self, FittedPlatform};
 use crate::cli::{
     command::report::unreadable,
     completion,
+    run_argument::run_argument,
     terminal::{self, CommandError},
 };
 
@@ -27,7 +28,7 @@ use crate::cli::{
 #[derive(Debug, Args)]
 pub struct FitArguments {
     /// The run directory.
-    #[arg(add = completion::runs())]
+    #[arg(value_parser = run_argument(), add = completion::runs())]
     run: PathBuf,
     /// The folder in which `SLUG.yaml` is written for each scenario. A file that is there is not overwritten.
     #[arg(long, value_name = "DIR", default_value = "platforms", value_hint = ValueHint::DirPath)]

@@ -9,6 +9,7 @@ use reports::messages::{self, MessagesError, ScenarioMessages, TopicMessages};
 use crate::cli::{
     command::options::OutputArguments,
     completion,
+    run_argument::run_argument,
     terminal::{self, CommandError},
 };
 
@@ -16,7 +17,7 @@ use crate::cli::{
 #[derive(Debug, Args)]
 pub struct MessagesArguments {
     /// The run directory.
-    #[arg(add = completion::runs())]
+    #[arg(value_parser = run_argument(), add = completion::runs())]
     run: PathBuf,
     /// Only this scenario: its letter or slug. May be repeated.
     #[arg(long, value_name = "SCENARIO", add = completion::scenarios_of_run())]

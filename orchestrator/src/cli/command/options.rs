@@ -16,7 +16,7 @@ pub struct SelectionArguments {
     /// A profile of the matrix file.
     #[arg(long, value_name = "NAME", add = completion::profiles())]
     pub profile: Option<String>,
-    /// Only scenarios that match: a letter, a slug, `axis=value`; `*` and `?` stand for anything. May be repeated.
+    /// Only scenarios that match: a letter, a slug, `axis=value` or a value; `*` and `?` stand for anything. May be repeated.
     #[arg(long, value_name = "PATTERN", add = completion::scenarios_of_file())]
     pub only: Vec<String>,
     /// Not the scenarios that match.

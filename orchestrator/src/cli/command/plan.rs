@@ -19,6 +19,7 @@ use crate::{
             report::unreadable,
         },
         completion,
+        run_argument::run_argument,
         terminal::{self, CommandError},
     },
     disk_space,
@@ -36,7 +37,7 @@ pub struct PlanArguments {
     #[command(flatten)]
     selection: SelectionArguments,
     /// A run to learn from how much the levels of windows or the means of environments spread; the plan then says what it would find.
-    #[arg(long, value_name = "RUN", conflicts_with_all = ["window_sd", "environment_sd"], add = completion::runs())]
+    #[arg(long, value_name = "RUN", conflicts_with_all = ["window_sd", "environment_sd"], value_parser = run_argument(), add = completion::runs())]
     pilot: Option<PathBuf>,
     /// The standard deviation that window levels are assumed to have, such as 1mm.
     #[arg(long, value_name = "LENGTH", alias = "spread")]

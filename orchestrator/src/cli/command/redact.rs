@@ -18,6 +18,7 @@ use super::report::{redaction, unreadable, word_of_the_format};
 use crate::cli::{
     command::options::OutputArguments,
     completion,
+    run_argument::run_argument,
     terminal::{self, CommandError},
 };
 
@@ -25,7 +26,7 @@ use crate::cli::{
 #[derive(Debug, Args)]
 pub struct RedactArguments {
     /// The run directories. A name gets the same other name in all of them.
-    #[arg(required = true, value_name = "RUN", add = completion::runs())]
+    #[arg(required = true, value_name = "RUN", value_parser = run_argument(), add = completion::runs())]
     runs: Vec<PathBuf>,
     /// The folder in which the copies are made, each under its run's name.
     #[arg(long = "output", value_name = "DIR")]

@@ -9,6 +9,7 @@ use reports::replay::{self, ReplayDocument, WindowReplay};
 use crate::cli::{
     command::options::OutputArguments,
     completion,
+    run_argument::run_argument,
     terminal::{self, CommandError},
 };
 
@@ -16,7 +17,7 @@ use crate::cli::{
 #[derive(Debug, Args)]
 pub struct ReplayArguments {
     /// The run directory.
-    #[arg(add = completion::runs())]
+    #[arg(value_parser = run_argument(), add = completion::runs())]
     run: PathBuf,
     #[command(flatten)]
     pub(crate) output: OutputArguments,

@@ -23,7 +23,9 @@ use reports::{
 use crate::{
     cli::{
         command::options::OutputArguments,
-        completion, session,
+        completion,
+        run_argument::run_argument,
+        session,
         terminal::{self, CommandError},
     },
     matrix_file::{Diagnostics, ReportOption},
@@ -33,7 +35,7 @@ use crate::{
 #[derive(Debug, Default, Args)]
 pub struct ReportArguments {
     /// The run directory. Several of the same experiment are reported as one matrix.
-    #[arg(required = true, value_name = "RUN", add = completion::runs())]
+    #[arg(required = true, value_name = "RUN", value_parser = run_argument(), add = completion::runs())]
     runs: Vec<PathBuf>,
     /// Where the report goes: a folder that is not there yet, or has a report in it. The run directory's `report` when left
     /// out; of several runs it must be given.
@@ -77,6 +79,9 @@ pub struct ReportArguments {
     /// as the matrix file spells it.
     #[arg(long, value_name = "PAIRS")]
     figures: Option<String>,
+    /// Print every table, and not the conclusion and the scenarios alone.
+    #[arg(long, conflicts_with = "json")]
+    full: bool,
     /// Say of every pair that differs what its difference comes from, as `matrix explain` does. Takes some 30 s.
     #[arg(long, conflicts_with = "redact")]
     explain: bool,
@@ -191,10 +196,15 @@ pub fn execute(arguments: &ReportArguments) -> Result<Exit, CommandError> {
     }
     reports::write(&run, &report)
         .map_err(|error| CommandError::new(Exit::Infrastructure, &error, Some(error.hint().to_owned())))?;
-    if arguments.output.json {
-        terminal::json(&report.present().json());
-    } else {
-        terminal::result(&report.present().markdown());
+    let page = report.present();
+    match (arguments.output.json, arguments.full) {
+        (true, _) => terminal::json(&page.json()),
+        (_, true) => terminal::result(&page.markdown()),
+        _ => terminal::result(&page.summary()),
+    }
+    if !(arguments.output.json || arguments.output.quiet) {
+        let page = run.report_folder.join("report.html");
+        terminal::print_note(&format!("all tables, figures and numbers: {page}"));
     }
     Ok(Exit::Done)
 }

@@ -14,6 +14,7 @@ use crate::{
     cli::{
         command::{options::OutputArguments, report},
         completion,
+        run_argument::run_argument,
         session::{self, ProgressDisplay, RunOptions},
         terminal::{self, CommandError},
     },
@@ -26,7 +27,7 @@ use crate::{
 #[derive(Debug, Args)]
 pub struct ResumeArguments {
     /// The run directory.
-    #[arg(add = completion::runs())]
+    #[arg(value_parser = run_argument(), add = completion::runs())]
     run: PathBuf,
     /// Say what would be done, create nothing.
     #[arg(long)]

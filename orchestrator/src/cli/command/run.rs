@@ -1,4 +1,4 @@
-//! `matrix run FILE`: measures every scenario that can run here and prints the tables.
+//! `matrix run FILE`: measures every scenario that can run here and prints what was found.
 
 use std::{
     fs,
@@ -17,6 +17,7 @@ use super::{plan, report};
 use crate::{
     cli::{
         command::options::{OutputArguments, SelectionArguments},
+        run_argument::RUNS,
         session::{self, ProgressDisplay, RunOptions},
         terminal::{self, CommandError},
     },
@@ -37,7 +38,7 @@ pub struct RunArguments {
     #[command(flatten)]
     selection: SelectionArguments,
     /// Folder in which the run directory is made.
-    #[arg(long, value_name = "DIR", default_value = "runs")]
+    #[arg(long, value_name = "DIR", default_value = RUNS)]
     out: PathBuf,
     /// Say what would be done, create nothing.
     #[arg(long)]

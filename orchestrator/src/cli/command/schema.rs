@@ -9,7 +9,7 @@ use serde_json::Value;
 use super::{
     calibrate::CalibrateDocument, check::CheckDocument, clean::CleanDocument, doctor::DoctorDocument,
     explain::ExplainDocument, ks::KsDocument, plan::PlanDocument, redact::RedactDocument,
-    resume::ResumeDocument, status::StatusDocument,
+    resume::ResumeDocument, runs::RunsDocument, status::StatusDocument,
 };
 use crate::{
     cli::terminal::{self, ErrorDocument},
@@ -65,6 +65,11 @@ const SCHEMAS: &[Schema] = &[
         name: "status",
         of: "`matrix status --json`",
         make: output::<StatusDocument<'static>>,
+    },
+    Schema {
+        name: "runs",
+        of: "`matrix runs --json`",
+        make: output::<RunsDocument>,
     },
     Schema {
         name: "resume",

@@ -14,6 +14,7 @@ use record::{
 use crate::{
     cli::{
         completion,
+        run_argument::{RUNS, run_argument},
         terminal::{self, CommandError},
     },
     lease,
@@ -28,7 +29,7 @@ pub struct ShellArguments {
     #[arg(add = completion::scenarios_to_enter())]
     scenario: String,
     /// The run directory; otherwise the newest in `runs/` that has kept an environment of that scenario.
-    #[arg(long, value_name = "RUN", add = completion::runs())]
+    #[arg(long, value_name = "RUN", value_parser = run_argument(), add = completion::runs())]
     run: Option<PathBuf>,
     /// Print the command and do not run it.
     #[arg(long)]
@@ -108,7 +109,7 @@ fn find(arguments: &ShellArguments) -> Result<Left, CommandError> {
             None => Err(nothing_kept(wanted, &format!("in {}", run.display()))),
         };
     }
-    for run in newest_first(Path::new("runs")) {
+    for run in newest_first(Path::new(RUNS)) {
         // What is no run directory, or one of another version, is passed by.
         let found = RecordedRun::directory(&run)
             .map_err(CommandError::from)

@@ -1,6 +1,10 @@
 //! `matrix status RUN`: where a run stands, from its journal, and with `--verify` whether its files are as they were written.
 
-use std::path::{Path, PathBuf};
+use std::{
+    collections::BTreeMap,
+    path::{Path, PathBuf},
+    time::{Duration, SystemTime},
+};
 
 use clap::Args;
 use record::{
@@ -16,9 +20,11 @@ use crate::{
     cli::{
         command::options::OutputArguments,
         completion,
+        run_argument::run_argument,
         terminal::{self, CommandError},
     },
-    disk_space, escaping, lease,
+    disk_space, escaping,
+    lease::{self, Holder},
     run::recorded::RecordedRun,
 };
 
@@ -26,7 +32,7 @@ use crate::{
 #[derive(Debug, Args)]
 pub struct StatusArguments {
     /// The run directory.
-    #[arg(add = completion::runs())]
+    #[arg(value_parser = run_argument(), add = completion::runs())]
     run: PathBuf,
     /// Read every file that has a checksum, captures too, and list those that are damaged.
     #[arg(long)]
@@ -43,12 +49,31 @@ pub struct StatusDocument<'a> {
     run: &'a str,
     /// Whether a `matrix` works on it now.
     live: bool,
+    /// The process that works on it; null if none does, or if it has not said who it is.
+    holder: Option<HolderRecord<'a>>,
     /// Whether nothing is left to measure.
     finished: bool,
+    /// Windows that are planned of the scenarios that run.
+    windows: u32,
+    /// Windows of them that are measured, collected or not.
+    windows_complete: usize,
+    /// How long measuring the others takes, in seconds: windows only, on the host that has most of them left.
+    measuring_left_s: f64,
     /// Every scenario of the plan, in letter order.
     scenarios: Vec<ScenarioRecord<'a>>,
     /// Whether the files are as they were written; null without `--verify`.
     verified: Option<VerifiedRecord<'a>>,
+}
+
+/// A process that works on a run.
+#[derive(Debug, Serialize, JsonSchema)]
+struct HolderRecord<'a> {
+    /// Its number.
+    pid: u32,
+    /// The machine that it runs on.
+    machine: &'a str,
+    /// Since when it works on the run, RFC 3339.
+    since: &'a str,
 }
 
 /// Where a scenario stands.
@@ -71,6 +96,10 @@ struct ScenarioRecord<'a> {
     windows_complete: usize,
     /// Windows that are in the run directory.
     windows_collected: usize,
+    /// The window that is being measured; null if none is.
+    window_under_way: Option<u32>,
+    /// Since when, RFC 3339; null if none is.
+    under_way_since: Option<&'a str>,
     /// For how long its workload has reported nothing, in seconds; null if it reports, or if the run is not live.
     silent_for_s: Option<u64>,
     /// The environment that exists or may exist; null if none does.
@@ -118,6 +147,99 @@ struct DamagedRecord<'a> {
     what: &'a str,
 }
 
+/// A run as it stands.
+pub(super) struct Standing<'a> {
+    /// Whether a `matrix` works on it now.
+    pub(super) live: bool,
+    holder: Option<Holder>,
+    /// Whether nothing is left to measure.
+    pub(super) finished: bool,
+    rows: Vec<(&'a PlannedScenario, ScenarioState)>,
+}
+
+impl<'a> Standing<'a> {
+    pub(super) fn of(directory: &RunDirectory, recorded: &'a RecordedRun) -> Self {
+        let found = recorded.state_in(directory);
+        let scenarios = recorded.plan.scenarios.iter();
+        let rows: Vec<_> = scenarios
+            .map(|planned| (planned, found.scenario(&planned.slug)))
+            .collect();
+        Self {
+            live: lease::is_held(&directory.lock()),
+            holder: lease::holder(&directory.lock()),
+            // Of an errored scenario windows are missing although the journal says that the run ended.
+            finished: rows
+                .iter()
+                .all(|(planned, state)| !planned.runs() || state.is_settled(planned.rounds())),
+            rows,
+        }
+    }
+
+    fn running(&self) -> impl Iterator<Item = &(&'a PlannedScenario, ScenarioState)> {
+        self.rows.iter().filter(|(planned, _)| planned.runs())
+    }
+
+    /// Windows that are planned of the scenarios that run.
+    pub(super) fn windows(&self) -> u32 {
+        let windows = self.running().map(|(planned, _)| planned.settings.all_windows());
+        windows.fold(0, u32::saturating_add)
+    }
+
+    /// Those of them that are measured, collected or not.
+    pub(super) fn windows_complete(&self) -> usize {
+        self.running().map(|(_, state)| state.complete().len()).sum()
+    }
+
+    /// How long measuring the others takes: on the host that has most of them left. What the window under way has behind it does not
+    /// count.
+    fn measuring_left(&self) -> Duration {
+        let mut by_host: BTreeMap<Option<&str>, f64> = BTreeMap::new();
+        for (planned, state) in self.running() {
+            let windows = planned.settings.all_windows() as usize;
+            let left = windows.saturating_sub(state.complete().len());
+            let window = planned.settings.longest_window().duration();
+            let behind = state.under_way().filter(|_| self.live);
+            let behind = behind.map_or(Duration::ZERO, |(_, since)| elapsed(since).min(window));
+            let left_s = left as f64 * window.as_secs_f64() - behind.as_secs_f64();
+            *by_host.entry(planned.host.as_deref()).or_default() += left_s.max(0.0);
+        }
+        let most = by_host.into_values().fold(0.0, f64::max);
+        Duration::try_from_secs_f64(most).unwrap_or(Duration::MAX)
+    }
+
+    /// In one line or two, without the scenarios.
+    fn head(&self, run: &str) -> String {
+        let work = match (self.live, &self.holder) {
+            (true, Some(holder)) => format!(
+                ", live: process {} on {} since {}",
+                holder.pid, holder.machine, holder.since
+            ),
+            (true, None) => ", live".to_owned(),
+            (false, _) => String::new(),
+        };
+        let left = match self.finished {
+            true => String::new(),
+            false => format!(", about {} of measuring left", in_words(self.measuring_left())),
+        };
+        format!(
+            "run {run}{work}\n  {} of {} windows measured{left}\n",
+            self.windows_complete(),
+            self.windows()
+        )
+    }
+}
+
+/// Since a time of the journal; nothing if it is not known.
+pub(super) fn elapsed(since: &str) -> Duration {
+    let since = humantime::parse_rfc3339(since).ok();
+    let elapsed = since.and_then(|since| SystemTime::now().duration_since(since).ok());
+    elapsed.unwrap_or_default()
+}
+
+fn in_words(duration: Duration) -> String {
+    humantime::format_duration(Duration::from_secs(duration.as_secs())).to_string()
+}
+
 /// Prints it.
 ///
 /// # Errors
@@ -125,24 +247,19 @@ struct DamagedRecord<'a> {
 pub fn execute(arguments: &StatusArguments) -> Result<Exit, CommandError> {
     let directory = RunDirectory::new(&arguments.run);
     let recorded = RecordedRun::read(&directory)?;
-    let live = lease::is_held(&directory.lock());
-    let found = recorded.state_in(&directory);
+    let standing = Standing::of(&directory, &recorded);
+    let Standing {
+        live,
+        finished,
+        ref rows,
+        ..
+    } = standing;
     let verified = match arguments.verify {
         true => Some(verification(&directory, live)?),
         false => None,
     };
     let is_damaged = verified.as_ref().is_some_and(|it| !it.damaged.is_empty());
     let exit = if is_damaged { Exit::Wrong } else { Exit::Done };
-    let rows: Vec<(&PlannedScenario, ScenarioState)> = recorded
-        .plan
-        .scenarios
-        .iter()
-        .map(|planned| (planned, found.scenario(&planned.slug)))
-        .collect();
-    // Of an errored scenario windows are missing although the journal says that the run ended.
-    let finished = rows
-        .iter()
-        .all(|(planned, state)| !planned.runs() || state.is_settled(planned.rounds()));
     if arguments.output.json {
         let scenarios = rows.iter().map(|(planned, state)| ScenarioRecord {
             id: &planned.id,
@@ -153,6 +270,8 @@ pub fn execute(arguments: &StatusArguments) -> Result<Exit, CommandError> {
             windows: planned.settings.all_windows(),
             windows_complete: state.complete().len(),
             windows_collected: state.collected.len(),
+            window_under_way: state.under_way().filter(|_| live).map(|(window, _)| window),
+            under_way_since: state.under_way().filter(|_| live).map(|(_, since)| since),
             silent_for_s: state.silent_for_s.filter(|_| live),
             environment: state.open().last().map(|open| open.environment.as_str()),
             environments: environments(planned, state, live),
@@ -160,30 +279,35 @@ pub fn execute(arguments: &StatusArguments) -> Result<Exit, CommandError> {
         terminal::json(&StatusDocument {
             run: &recorded.manifest.run,
             live,
+            holder: standing.holder.as_ref().map(|holder| HolderRecord {
+                pid: holder.pid,
+                machine: &holder.machine,
+                since: &holder.since,
+            }),
             finished,
+            windows: standing.windows(),
+            windows_complete: standing.windows_complete(),
+            measuring_left_s: standing.measuring_left().as_secs_f64(),
             scenarios: scenarios.collect(),
             verified: verified.as_ref().map(record),
         });
         return Ok(exit);
     }
-    let mut text = format!(
-        "run {}{}\n",
-        recorded.manifest.run,
-        if live { ", live" } else { "" }
-    );
-    for (planned, state) in &rows {
+    let mut text = standing.head(&recorded.manifest.run);
+    for (planned, state) in rows {
         let reason = planned.reason.as_deref().or_else(|| reason(planned, state));
         let silent = state
             .silent_for_s
             .filter(|_| live)
             .map(|for_s| format!(", nothing was heard of the workload for {for_s} s or more"));
         text.push_str(&format!(
-            "  {} {}: {}, {} of {} windows{}{}{}\n",
+            "  {} {}: {}, {} of {} windows{}{}{}{}\n",
             planned.id,
             planned.slug,
             word(planned, state, live),
-            state.collected.len(),
+            state.complete().len(),
             planned.settings.all_windows(),
+            under_way(state, live),
             silent.unwrap_or_default(),
             not_collected(state),
             reason.map(|reason| format!(": {reason}")).unwrap_or_default(),
@@ -261,8 +385,16 @@ fn as_text(verified: &Verification, run: &Path) -> String {
 fn not_collected(state: &ScenarioState) -> String {
     match state.complete().len() - state.collected.len() {
         0 => String::new(),
-        more => format!(", {more} more measured and not collected yet"),
+        some => format!(", {some} of them not collected yet"),
     }
+}
+
+/// The window that is being measured, in words.
+fn under_way(state: &ScenarioState, live: bool) -> String {
+    let under_way = state.under_way().filter(|_| live);
+    under_way.map_or_else(String::new, |(window, since)| {
+        format!(", window {window} for {}", in_words(elapsed(since)))
+    })
 }
 
 /// The state of a scenario that has several environments is that of the one to look at first: one that is at work or was left, one

@@ -24,6 +24,12 @@ impl Drift {
             );
             text.push_str(&format!("{}\n", wrapped(&told, "- ", "  ")));
         }
+        if let Some((judgement, finding)) = self.news().next() {
+            text.push_str("\nTo acknowledge a change, write it into drift.yaml; the first of these is\n\n");
+            for line in self.acknowledgement(judgement, finding).lines() {
+                text.push_str(&format!("    {line}\n"));
+            }
+        }
         text.push_str("\nEach scenario and metric\n");
         for judgement in &self.judgements {
             let told = format!(

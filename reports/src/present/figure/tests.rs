@@ -23,7 +23,10 @@ const SMALLEST_PT: f64 = 7.0;
 fn figures() -> Vec<Figure> {
     let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("../tests/fixtures/recorded");
     let mut run = load(path).unwrap();
-    for scenario in &mut run.scenarios {
+    for (delay, scenario) in ["10ms", "12.5ms", "15ms"].iter().zip(&mut run.scenarios) {
+        let axes = &mut scenario.planned.axes;
+        axes.insert("network.delay".to_owned(), (*delay).into());
+        axes.insert("virtualization".to_owned(), "native".into());
         scenario.planned.slug = "w".repeat(60);
         scenario.planned.settings.period = "100s".parse().unwrap();
     }

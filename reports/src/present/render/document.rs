@@ -57,6 +57,8 @@ pub struct ReportDocument<'a> {
     pub agreements: Vec<AgreementEntry<'a>>,
     /// The baseline: the scenarios that the others are compared with, by axis values.
     pub control: &'a BTreeMap<String, String>,
+    /// What was found, in sentences: the conclusion, then what is open and what would settle it, then what to doubt.
+    pub findings: Vec<String>,
     /// What to know before believing the rest.
     pub remarks: &'a [String],
     /// Every scenario of the plan, in letter order.

@@ -51,7 +51,9 @@ pub(super) fn render(presented: &Presentation<'_>, figures: &[Figure]) -> String
                 header {
                     h1 { "Report of " (report.run) }
                     p { time datetime=(report.created) { (report.created) } }
-                    p #verdict { (report.verdict()) }
+                    div #verdict { @for (at, finding) in report.findings().iter().enumerate() {
+                        @if at == 0 { p { strong { (prose(finding)) } } } @else { p { (prose(finding)) } }
+                    } }
                     @if !presented.remarks.is_empty() {
                         ul #remarks { @for remark in &presented.remarks { li { (prose(remark)) } } }
                     }
@@ -69,7 +71,7 @@ pub(super) fn render(presented: &Presentation<'_>, figures: &[Figure]) -> String
                 }
                 (contents())
                 main {
-                    (section("shifts", "How large the differences are", &drawings(figures, &[Kind::Forest, Kind::Causes], "No pair of scenarios has data.")))
+                    (section("shifts", "How large the differences are", &drawings(figures, &[Kind::Forest, Kind::Sweep, Kind::Causes], "No pair of scenarios has data.")))
                     (section("matrix", "The matrix", &matrix::draw(report)))
                     (section("heatmap", "Every comparison", &heatmap::draw(report)))
                     section #tables {

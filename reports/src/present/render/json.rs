@@ -66,6 +66,7 @@ pub(super) fn document<'a>(page: &'a Presentation<'a>) -> ReportDocument<'a> {
         }),
         agreements: report.agreements.iter().map(agreement).collect(),
         control: &settings.baseline,
+        findings: report.findings(),
         remarks: &page.remarks,
         scenarios: report.scenarios.iter().map(scenario).collect(),
         infeasible: of(Standing::Infeasible),

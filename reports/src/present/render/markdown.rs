@@ -13,12 +13,14 @@ use crate::{
     },
 };
 
-const WIDTH: usize = 80;
+/// Columns of a terminal.
+pub(super) const WIDTH: usize = 80;
 
 pub(super) fn render(page: &Presentation<'_>) -> String {
     let report = page.report;
     let mut text = String::new();
     block(&mut text, &format!("# Report of {}", plain(&report.run)));
+    block(&mut text, &wrapped(&plain(&report.findings().join(" ")), "", ""));
     for remark in &page.remarks {
         block(&mut text, &wrapped(&format!("**{}**", plain(remark)), "> ", "> "));
     }
@@ -83,7 +85,7 @@ fn forest(text: &mut String, report: &Report) {
     }
 }
 
-fn block(text: &mut String, block: &str) {
+pub(super) fn block(text: &mut String, block: &str) {
     if !text.is_empty() {
         text.push('\n');
     }
@@ -114,7 +116,7 @@ fn render_table(text: &mut String, table: &Table) {
     }
 }
 
-fn cell(text: &str) -> String {
+pub(super) fn cell(text: &str) -> String {
     plain(text).replace('|', "\\|")
 }
 
@@ -151,7 +153,7 @@ fn scenario(scenario: &ScenarioReport) -> String {
         item(format!("to do: {hint}"));
     }
     for verdict in scenario.verdicts() {
-        item(format!("{verdict}: {}", verdict.reasons.join("; ")));
+        item(format!("{verdict}: {}", verdict.reasons.join(" ")));
     }
     for broken in &scenario.broken {
         item(format!(
@@ -165,7 +167,7 @@ fn scenario(scenario: &ScenarioReport) -> String {
     items.join("\n")
 }
 
-fn wrapped(text: &str, first: &str, rest: &str) -> String {
+pub(super) fn wrapped(text: &str, first: &str, rest: &str) -> String {
     let options = textwrap::Options::new(WIDTH)
         .initial_indent(first)
         .subsequent_indent(rest)
@@ -175,7 +177,7 @@ fn wrapped(text: &str, first: &str, rest: &str) -> String {
 }
 
 /// Without line breaks and control characters: a reason may come from a container's output, and this is a terminal.
-fn plain(text: &str) -> String {
+pub(super) fn plain(text: &str) -> String {
     let spaced: String = text
         .chars()
         .map(|c| if c.is_control() { ' ' } else { c })

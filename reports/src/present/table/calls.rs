@@ -1,16 +1,20 @@
 //! What the calls of a user's command took.
 
-use super::{NO_DATA, Table, clipped, texts};
-use crate::analysis::{calls::Calls, report::Report};
+use super::{NO_DATA, Table, texts};
+use crate::{
+    analysis::{calls::Calls, report::Report},
+    present::axes::Axes,
+};
 
 /// The table; none of the ball on the plate.
 pub(super) fn of(report: &Report) -> Option<Table> {
+    let axes = Axes::of(&report.scenarios);
     let rows: Vec<Vec<String>> = report
         .scenarios
         .iter()
         .filter(|scenario| !scenario.experiment.is_ball())
         .map(|scenario| {
-            let mut row = vec![scenario.id.clone(), clipped(&scenario.slug)];
+            let mut row = vec![scenario.id.clone(), axes.label(scenario)];
             row.extend(scenario.calls.as_ref().map_or_else(without_data, cells));
             row
         })

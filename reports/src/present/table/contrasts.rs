@@ -283,6 +283,14 @@ pub(super) fn p(p: f64) -> String {
     }
 }
 
+/// A p-value in a sentence.
+pub(crate) fn p_in_words(value: f64) -> String {
+    match value {
+        smallest if smallest < 1e-12 => "p < 1e-12".to_owned(),
+        _ => format!("p = {}", p(value)),
+    }
+}
+
 pub(super) fn estimate(estimate: &Estimate, digits: impl Fn(f64) -> String) -> String {
     let value = digits(estimate.value);
     match estimate.interval {

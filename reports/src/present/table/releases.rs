@@ -2,18 +2,19 @@
 
 use record::window::ReleaseRecord;
 
-use super::{NO_DATA, Table, clipped, texts};
-use crate::analysis::report::Report;
+use super::{NO_DATA, Table, texts};
+use crate::{analysis::report::Report, present::axes::Axes};
 
 /// None if no window had an emulator.
 pub(super) fn of(report: &Report) -> Option<Table> {
     let releases = |scenario: &crate::analysis::scenario::ScenarioReport| scenario.health.as_ref()?.releases;
     report.scenarios.iter().find_map(releases)?;
+    let axes = Axes::of(&report.scenarios);
     let rows = report
         .scenarios
         .iter()
         .map(|scenario| {
-            let mut row = vec![scenario.id.clone(), clipped(&scenario.slug)];
+            let mut row = vec![scenario.id.clone(), axes.label(scenario)];
             row.extend(releases(scenario).as_ref().map_or_else(without_data, cells));
             row
         })

@@ -1,16 +1,20 @@
 //! How well each platform held the schedule: read it before the other tables.
 
-use super::{NO_DATA, Table, clipped, texts};
-use crate::analysis::{health::Health, report::Report};
+use super::{NO_DATA, Table, texts};
+use crate::{
+    analysis::{health::Health, report::Report},
+    present::axes::Axes,
+};
 
 /// The table; none of a command, which has no schedule of ours.
 pub(super) fn of(report: &Report) -> Option<Table> {
+    let axes = Axes::of(&report.scenarios);
     let rows: Vec<Vec<String>> = report
         .scenarios
         .iter()
         .filter(|scenario| scenario.experiment.is_ball())
         .map(|scenario| {
-            let mut row = vec![scenario.id.clone(), clipped(&scenario.slug)];
+            let mut row = vec![scenario.id.clone(), axes.label(scenario)];
             row.extend(scenario.health.as_ref().map_or_else(without_data, cells));
             row
         })

@@ -3,18 +3,22 @@
 use record::report_settings::WarmUp;
 use statistics::stationarity::CHANGE_LEVEL;
 
-use super::{NO_DATA, Table, clipped, texts};
-use crate::analysis::{
-    report::Report,
-    within::{Look, WithinWindows},
+use super::{NO_DATA, Table, texts};
+use crate::{
+    analysis::{
+        report::Report,
+        within::{Look, WithinWindows},
+    },
+    present::axes::Axes,
 };
 
 pub(super) fn of(report: &Report) -> Table {
+    let axes = Axes::of(&report.scenarios);
     let rows = report
         .scenarios
         .iter()
         .map(|scenario| {
-            let mut row = vec![scenario.id.clone(), clipped(&scenario.slug)];
+            let mut row = vec![scenario.id.clone(), axes.label(scenario)];
             let Some(within) = &scenario.within else {
                 row.extend(["–", "–", "–", NO_DATA].map(str::to_owned));
                 return row;

@@ -3,7 +3,7 @@
 use polars::{error::PolarsResult, frame::DataFrame};
 use record::axis::{HARDWARE, NATIVE, OS, VIRTUALIZATION};
 
-use super::{NO_DATA, Table, clipped, clipped_to, named, texts, verdicts_note};
+use super::{NO_DATA, Table, clipped_to, named, texts, verdicts_note};
 use crate::{
     analysis::{paper, report::Report, scenario::Standing},
     present::frames::{self, left, truths},
@@ -37,7 +37,7 @@ pub(super) fn of(report: &Report, scenarios: &DataFrame, counts: &DataFrame) -> 
         let layer = |cells: &[Option<String>]| clipped_to(&or(&cells[at], "–"), LAYER_WIDTH);
         let mut row = vec![or(&ids[at], ""), layer(&hardware), layer(&os)];
         if has(&others) {
-            row.push(clipped(&or(&others[at], "–")));
+            row.push(or(&others[at], "–"));
         }
         row.push(match virtualization[at].as_deref() {
             Some(NATIVE) | None => "–".to_owned(),

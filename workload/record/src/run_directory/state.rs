@@ -31,6 +31,8 @@ pub struct ScenarioState {
     pub collected: BTreeMap<u32, Collected>,
     /// Windows that the workload has completed, collected or not.
     pub completed: BTreeSet<u32>,
+    /// When its environment last began to measure a window, RFC 3339; none while none is measured.
+    pub measuring_since: Option<String>,
     /// For how long nothing was heard of its workload when that was told last, in seconds.
     pub silent_for_s: Option<u64>,
     /// The environments that were kept, as it was wished, and are not known to be gone.
@@ -225,8 +227,18 @@ impl RunState {
                 });
             }
             Event::Workload { scenario, progress } => {
-                if let Progress::WindowComplete { window, .. } = progress {
-                    self.entry(scenario).completed.insert(*window);
+                let state = self.entry(scenario);
+                match progress {
+                    Progress::Measuring { .. } => state.measuring_since = Some(at.clone()),
+                    // The next window begins with it.
+                    Progress::WindowComplete { window, .. } => {
+                        state.completed.insert(*window);
+                        state.measuring_since = Some(at.clone());
+                    }
+                    Progress::Stopped { .. } | Progress::Finished | Progress::Failed { .. } => {
+                        state.measuring_since = None;
+                    }
+                    _ => {}
                 }
             }
             Event::WindowCollected {
@@ -264,7 +276,9 @@ impl RunState {
                 hint,
                 round,
             } => {
-                let round = self.entry(scenario).entry(*round);
+                let state = self.entry(scenario);
+                state.measuring_since = None;
+                let round = state.entry(*round);
                 round.outcome = Some(*outcome);
                 round.reason.clone_from(reason);
                 round.hint.clone_from(hint);
@@ -356,6 +370,16 @@ impl ScenarioState {
             .chain(self.collected.keys())
             .copied()
             .collect()
+    }
+
+    /// The window that an environment of it measures, and since when; none where the journal does not know of one.
+    #[must_use]
+    pub fn under_way(&self) -> Option<(u32, &str)> {
+        let since = self.measuring_since.as_deref()?;
+        let complete = self.complete();
+        let mut windows = self.open().flat_map(|open| &open.windows);
+        let window = windows.find(|window| !complete.contains(window))?;
+        Some((*window, since))
     }
 
     /// Those of these windows that are not in the run directory.

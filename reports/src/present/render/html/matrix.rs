@@ -45,7 +45,12 @@ pub(super) fn draw(report: &Report) -> Markup {
 }
 
 fn cell(scenario: &ScenarioReport) -> Markup {
-    let (sign, class) = sign(scenario.standing);
+    let suspect = scenario.windows_suspect();
+    let (sign, class) = match scenario.standing {
+        // What went well on a disturbed machine is not to look as if it had gone well.
+        Standing::Completed if suspect > 0 => ("!", "suspect"),
+        standing => sign(standing),
+    };
     html! {
         div {
             strong { (scenario.id) } " "
@@ -53,6 +58,7 @@ fn cell(scenario: &ScenarioReport) -> Markup {
             @if !scenario.windows.is_empty() {
                 br; (scenario.windows_counted()) " of " (scenario.windows.len()) " windows count"
             }
+            @if suspect > 0 { br; span .suspect { (suspect) " of them suspect" } }
             @if scenario.is_baseline { br; "baseline" }
             @if scenario.is_simulated { br; strong { "simulated, not measured" } }
             @if let Some(reason) = &scenario.reason { br; span .note { (prose(reason)) } }

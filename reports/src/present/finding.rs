@@ -1,0 +1,261 @@
+//! What a report found, in sentences that say no more than was measured: [`Report::findings`].
+
+use statistics::{effect::Interval, power::fewest_windows, replicates::fewest_rounds};
+
+use crate::{
+    analysis::{agreement::Agreement, contrast::Verdict, report::Report, scenario::Standing},
+    present::{
+        axes::Axes,
+        forest::{Shift, percent, simultaneous_confidence, unit},
+        table::p_in_words,
+    },
+};
+
+/// Pairs, and scenarios, up to which each is named.
+const MOST_NAMED: usize = 6;
+
+/// The verdicts in the order in which they are told.
+const ORDER: [Verdict; 7] = [
+    Verdict::DifferMaterially,
+    Verdict::Differ,
+    Verdict::DifferByUnknown,
+    Verdict::DifferLevelOpen,
+    Verdict::Immaterial,
+    Verdict::NotToldApart,
+    Verdict::CannotTell,
+];
+
+impl Report {
+    /// What was found on the declared family, in sentences: which scenarios differ, by how much and how sure that is; then what is open
+    /// and what would settle it; then what a reader should doubt. What could not be measured is never no difference.
+    #[must_use]
+    pub fn findings(&self) -> Vec<String> {
+        let mut sentences: Vec<String> = self.agreements.iter().map(agreement).collect();
+        match self.contrasts.pairs.is_empty() {
+            true if sentences.is_empty() => sentences.push(self.nothing_to_compare()),
+            true => {}
+            false => sentences.extend(self.of_pairs()),
+        }
+        for other in &self.others {
+            let first = other.findings().into_iter().next();
+            sentences.extend(first.map(|finding| format!("{}: {finding}", other.quantity.name)));
+        }
+        sentences.extend(self.suspect());
+        if let Some(first) = sentences.first_mut().filter(|_| self.is_simulated()) {
+            first.insert_str(0, "Simulated, not measured: ");
+        }
+        sentences
+    }
+
+    fn nothing_to_compare(&self) -> String {
+        let completed = self
+            .scenarios
+            .iter()
+            .filter(|it| it.standing == Standing::Completed);
+        format!(
+            "No two scenarios of the family have windows that count: nothing can be said of a difference ({} of {} scenarios completed).",
+            completed.count(),
+            self.scenarios.len()
+        )
+    }
+
+    fn of_pairs(&self) -> Vec<String> {
+        let axes = Axes::of(&self.scenarios);
+        let pairs = Shift::all(self);
+        let with = |verdict: &Verdict| -> Vec<&Shift> {
+            pairs.iter().filter(|pair| pair.verdict == *verdict).collect()
+        };
+        let groups = ORDER.iter().map(|verdict| (*verdict, with(verdict)));
+        let mut sentences: Vec<String> = groups
+            .filter_map(|(verdict, group)| self.of_group(&axes, verdict, &group))
+            .collect();
+        sentences.extend(self.what_would_settle(&pairs));
+        sentences.extend(match self.contrasts.without_data.len() {
+            0 => None,
+            1 => Some("1 further pair has no data.".to_owned()),
+            many => Some(format!("{many} further pairs have no data.")),
+        });
+        sentences
+    }
+
+    /// The pairs with one verdict, with the largest difference among them.
+    fn of_group(&self, axes: &Axes, verdict: Verdict, group: &[&Shift]) -> Option<String> {
+        let sizes = |pair: &&&Shift| pair.shift.value.abs();
+        let largest = group.iter().max_by(|a, b| sizes(a).total_cmp(&sizes(b)))?;
+        let what = self.in_words(verdict);
+        let difference = self.difference(axes, largest);
+        Some(match group {
+            [one] => format!("{} and {} {what}: {difference}.", one.a, one.b),
+            many => {
+                let mut text = format!(
+                    "{} of {} pairs of scenarios {what}{}",
+                    many.len(),
+                    self.contrasts.pairs.len(),
+                    named(many)
+                );
+                if verdict != Verdict::CannotTell {
+                    text.push_str("; the largest difference: ");
+                    text.push_str(&difference);
+                }
+                text.push('.');
+                text
+            }
+        })
+    }
+
+    fn in_words(&self, verdict: Verdict) -> String {
+        let margin = self.quantity.margin().unwrap_or_default();
+        let unit = unit(self);
+        match verdict {
+            Verdict::DifferMaterially => format!("differ by more than {margin}, which matters"),
+            Verdict::Differ => "differ".to_owned(),
+            Verdict::DifferByUnknown => format!("differ, and it is open whether by more than {margin}"),
+            Verdict::DifferLevelOpen => {
+                format!("differ, and it is open whether in the mean or only in the spread of their {unit}s")
+            }
+            Verdict::Immaterial => format!("differ by no more than {margin}, which does not matter"),
+            Verdict::NotToldApart => "are not told apart, which is not the same as no difference".to_owned(),
+            Verdict::CannotTell => {
+                format!("cannot be told apart by so few {unit}s, however large the difference")
+            }
+        }
+    }
+
+    /// How large the difference of a pair is, and how sure that is.
+    fn difference(&self, axes: &Axes, pair: &Shift) -> String {
+        let name = |letter: &str| {
+            let scenario = self.scenarios.iter().find(|scenario| scenario.id == letter);
+            match scenario.map(|scenario| axes.name(scenario)).unwrap_or_default() {
+                nothing if nothing.is_empty() => letter.to_owned(),
+                name => format!("{letter} ({name})"),
+            }
+        };
+        let (shift, quantity) = (pair.shift.value, &self.quantity);
+        // From the first to the second, or turned round: "smaller by" has a positive number after it.
+        let (sign, size) = match shift {
+            smaller if smaller < 0.0 => (-1.0, "smaller than"),
+            larger if larger > 0.0 => (1.0, "larger than"),
+            _ => (1.0, "different from"),
+        };
+        let ends = |interval: Interval| {
+            let [from, to] = [interval.low * sign, interval.high * sign];
+            format!(
+                "[{}, {}]",
+                quantity.digits(from.min(to)),
+                quantity.digits(from.max(to))
+            )
+        };
+        let all = pair.all.map(|interval| {
+            let confidence = percent(simultaneous_confidence(self));
+            match self.contrasts.pairs.len() {
+                1 => format!(" {}, {confidence} interval", ends(interval)),
+                _ => format!(" {}, {confidence} interval for all pairs at once", ends(interval)),
+            }
+        });
+        let alone = pair
+            .shift
+            .interval
+            .map(|interval| format!(" {}, {} interval", ends(interval), percent(interval.confidence)));
+        let interval = all.or(alone).unwrap_or_default();
+        let p = pair
+            .p_holm
+            .map_or_else(String::new, |p| format!(", {}", p_in_words(p)));
+        format!(
+            "the {} of {} is {} {size} that of {}{interval}{p}",
+            quantity.name,
+            name(&pair.b),
+            quantity.text(shift.abs()),
+            name(&pair.a)
+        )
+    }
+
+    fn what_would_settle(&self, pairs: &[Shift]) -> Option<String> {
+        let has = |wanted: &[Verdict]| pairs.iter().any(|pair| wanted.contains(&pair.verdict));
+        let unit = unit(self);
+        if has(&[Verdict::CannotTell]) {
+            let alpha = self.settings.alpha / pairs.len().max(1) as f64;
+            let needed = match self.replicates {
+                None => fewest_windows(alpha),
+                Some(_) => fewest_rounds(alpha),
+            };
+            let fewer = match pairs.len() {
+                1 => "",
+                _ => ", or fewer if fewer pairs are declared (`report.family`)",
+            };
+            return needed.map(|needed| {
+                format!("It takes {needed} {unit}s of each scenario or more (`{unit}s: {needed}` below `workload:`){fewer}.")
+            });
+        }
+        let open = [
+            Verdict::NotToldApart,
+            Verdict::DifferByUnknown,
+            Verdict::DifferLevelOpen,
+        ];
+        match self.quantity.margin() {
+            _ if !has(&open) => None,
+            Some(margin) => Some(format!(
+                "More {unit}s narrow the intervals, until they lie within ±{margin} or beyond."
+            )),
+            None => Some(format!(
+                "More {unit}s narrow the intervals. Declare from which size on a difference matters ({}) to have them judged by it.",
+                self.quantity.margin_setting
+            )),
+        }
+    }
+
+    /// The scenarios of which windows are not valid: their numbers may be of what disturbed them.
+    fn suspect(&self) -> Option<String> {
+        let suspect: Vec<String> = self
+            .scenarios
+            .iter()
+            .filter_map(|scenario| {
+                let suspect = scenario.windows_suspect();
+                (suspect > 0)
+                    .then(|| format!("{suspect} of {} of {}", scenario.windows_counted(), scenario.id))
+            })
+            .collect();
+        let (named, rest) = suspect.split_at(suspect.len().min(MOST_NAMED));
+        let rest = match rest.len() {
+            0 => String::new(),
+            1 => ", and of 1 more scenario".to_owned(),
+            many => format!(", and of {many} more scenarios"),
+        };
+        (!named.is_empty()).then(|| {
+            format!(
+                "Suspect windows, in which something disturbed the measurement: {}{rest}. Measure again on an idle machine before you rely on them.",
+                named.join(", ")
+            )
+        })
+    }
+}
+
+/// Whether a metric that is compared byte for byte is the same.
+fn agreement(agreement: &Agreement) -> String {
+    let metric = &agreement.metric;
+    if agreement.windows.is_empty() {
+        return format!("No window of {metric} counts in two scenarios: nothing can be said of it.");
+    }
+    let mut groups = agreement.groups.iter().map(|group| group.scenarios.join(", "));
+    let first = groups.next().unwrap_or_default();
+    let others: Vec<String> = groups.collect();
+    match others.is_empty() {
+        true => format!("{metric} is the same, byte for byte, in {first}."),
+        false => format!(
+            "{metric} is not the same, byte for byte: something else than in {first} is in {}.",
+            others.join(", and again something else in ")
+        ),
+    }
+}
+
+fn named(pairs: &[&Shift]) -> String {
+    match pairs.len() {
+        few if few <= MOST_NAMED => {
+            let names: Vec<String> = pairs
+                .iter()
+                .map(|pair| format!("{}–{}", pair.a, pair.b))
+                .collect();
+            format!(" ({})", names.join(", "))
+        }
+        _ => String::new(),
+    }
+}
