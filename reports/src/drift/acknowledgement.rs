@@ -2,7 +2,7 @@
 //!
 //! ```yaml
 //! acknowledged:
-//!   - scenario: x86_64-debian-12-docker   # or "*"
+//!   - scenario: x86-64-debian-12-docker   # or "*"
 //!     metric: error                       # or "*"
 //!     since: 2026-11-20T02-00-00          # the first run with it, by its name
 //!     reason: the kernel is 6.12 now
