@@ -1,5 +1,7 @@
 //! What a report found, in sentences that say no more than was measured: [`Report::findings`].
 
+use std::collections::BTreeSet;
+
 use statistics::{effect::Interval, power::fewest_windows, replicates::fewest_rounds};
 
 use crate::{
@@ -48,6 +50,19 @@ impl Report {
     }
 
     fn nothing_to_compare(&self) -> String {
+        let with_data = self.scenarios.iter().filter(|it| it.windows_counted() > 0);
+        let unlike: BTreeSet<&str> = self
+            .setup_differences
+            .iter()
+            .flat_map(|unlike| unlike.fields.iter().map(String::as_str))
+            .collect();
+        if with_data.count() > 1 && !unlike.is_empty() {
+            return format!(
+                "No two scenarios ran the same experiment, so that no pair is compared: they differ in {}. Name the pairs that you want to \
+                 have compared all the same (`report.family`).",
+                Vec::from_iter(unlike).join(", ")
+            );
+        }
         let completed = self
             .scenarios
             .iter()

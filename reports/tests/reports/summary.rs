@@ -132,6 +132,21 @@ fn the_papers_nine_fit_on_a_screen_with_reasons_that_are_alike_told_once() {
 }
 
 #[test]
+fn scenarios_of_a_sweep_are_no_pairs_and_it_is_said_what_to_do_about_it() {
+    let mut run = reports::load(pair(ALIKE, FAR).directory.path()).unwrap();
+    for (delay, scenario) in ["10ms", "12ms"].iter().zip(&mut run.scenarios) {
+        scenario.planned.settings.network.delay = delay.parse().unwrap();
+    }
+    let report = analyse(&run, Traffic::default(), &run.manifest.report);
+    let findings = report.findings();
+    assert!(
+        findings[0].starts_with("No two scenarios ran the same experiment")
+            && findings[0].contains("network.delay"),
+        "{findings:?}"
+    );
+}
+
+#[test]
 fn without_a_scenario_that_was_measured_nothing_is_said_of_a_difference() {
     let synthetic = Synthetic::new(&[Scenario::ended("x86-debian-native", Outcome::Errored, "no box")]);
     insta::assert_snapshot!(screen(&report(&synthetic)));

@@ -122,6 +122,53 @@ fn it_fits_the_screen_says_nothing_on_the_console_asks_for_nothing_and_shuts_nob
     }
 }
 
+/// The numbers at the lines of a history that a person could not read whole.
+const CUT: &str = "[...document.querySelectorAll('.history svg text')].filter(text => {
+    const [ink, page] = [text.getBoundingClientRect(), text.ownerSVGElement.getBoundingClientRect()];
+    return ink.left < page.left - 1 || ink.right > page.right + 1;
+}).map(text => text.textContent)";
+
+#[test]
+fn a_history_fits_the_screen_and_no_number_of_it_is_cut() {
+    let workplace = Workplace::new();
+    for night in 0..6 {
+        let shift = if night == 5 { "0.5" } else { "0" };
+        workplace.write(
+            "m.yaml",
+            format!(
+                "matrix: {{virtualization: [fake], labels: {{place: [here, there]}}}}\n\
+                 hosts: {{desk: {{connect: local, hardware: x86_64, os: debian-12}}}}\n\
+                 workload: {{windows: 4, window: 8s, period: 1s}}\n\
+                 providers: {{fake: {{seed: {night}, scenarios: {{x86-64-debian-12-fake-place-here: {{shift_m: {shift}}}}}}}}}\n"
+            ),
+        );
+        let ran = workplace.run(&["run", "m.yaml", "--quiet"]);
+        assert_eq!(ran.code, Some(0), "{ran:?}");
+    }
+    let drift = workplace.run(&["drift", "runs", "--html", "history.html"]);
+    assert_eq!(drift.code, Some(4), "{drift:?}");
+    let history = workplace.path().join("history.html");
+    let mut browser = Browser::start();
+    for (look, of) in [
+        (Look::PHONE, "phone"),
+        (Look::DESKTOP, "desktop"),
+        (Look::DESKTOP.dark(), "desktop-dark"),
+    ] {
+        let mut page = browser.open(&history, look);
+        page.screenshot(&kept(&format!("history-{of}.png")));
+        assert_eq!(page.complaints(), [""; 0], "{of}");
+        assert_eq!(page.overflow(), 0, "{of}");
+        assert_eq!(page.barriers(), [""; 0], "{of}");
+        assert_eq!(page.value(CUT), serde_json::json!([]), "{of}");
+        // The error of both scenarios; how long provisioning takes may be the same each night.
+        let drawings = page.value("document.querySelectorAll('.history svg').length");
+        assert!(
+            drawings.as_u64().is_some_and(|drawings| drawings >= 2),
+            "{of}: {drawings}"
+        );
+    }
+}
+
 #[test]
 fn dark_is_dark_and_light_is_light() {
     let file = made_up().page();

@@ -200,11 +200,11 @@ pub fn execute(arguments: &ReportArguments) -> Result<Exit, CommandError> {
     match (arguments.output.json, arguments.full) {
         (true, _) => terminal::json(&page.json()),
         (_, true) => terminal::result(&page.markdown()),
-        _ => terminal::result(&page.summary()),
-    }
-    if !(arguments.output.json || arguments.output.quiet) {
-        let page = run.report_folder.join("report.html");
-        terminal::print_note(&format!("all tables, figures and numbers: {page}"));
+        _ => terminal::result(&format!(
+            "{}\nAll tables, figures and numbers: {}\n",
+            page.summary(),
+            run.report_folder.join("report.html")
+        )),
     }
     Ok(Exit::Done)
 }

@@ -19,7 +19,7 @@ const STYLE: &str = include_str!("../../present/render/html/style.css");
 const WIDTH: f64 = 640.0;
 const HEIGHT: f64 = 120.0;
 /// For the numbers on the left, and a little on the right.
-const SIDES: [f64; 2] = [84.0, 8.0];
+const SIDES: [f64; 2] = [124.0, 8.0];
 /// Above the line, and below it for the names of the nights.
 const ENDS: [f64; 2] = [10.0, 24.0];
 

@@ -2,6 +2,7 @@
 //! is in the report's folder. The function is [`render`].
 
 use comfy_table::{CellAlignment, ContentArrangement, presets::ASCII_MARKDOWN};
+use record::run_directory::EnvironmentRecord;
 
 use super::markdown::{WIDTH, block, cell, plain, wrapped};
 use crate::{
@@ -36,6 +37,7 @@ pub(super) fn render(page: &Presentation<'_>) -> String {
     block(&mut text, &wrapped(&plain(&legend(report, &axes)), "", ""));
     let mut items = unmeasured(report);
     items.extend(not_valid(report));
+    items.extend(of_environments(report));
     // The first sentence of a remark says what there is to know; tables.md has it whole.
     items.extend(
         page.remarks
@@ -259,6 +261,23 @@ fn not_valid(report: &Report) -> Vec<String> {
     all.truncate(MOST_REASONS);
     all.extend((more > 0).then(|| format!("{more} more windows are not valid: `tables.md` says why.")));
     all
+}
+
+/// What is to be said of the scenarios' environments, those of which the same is to be said together.
+fn of_environments(report: &Report) -> Vec<String> {
+    let mut found: Vec<(String, Vec<&str>)> = Vec::new();
+    for scenario in &report.scenarios {
+        for remark in scenario.environment.iter().flat_map(EnvironmentRecord::remarks) {
+            match found.iter_mut().find(|(other, _)| *other == remark) {
+                Some((_, letters)) => letters.push(&scenario.id),
+                None => found.push((remark, vec![&scenario.id])),
+            }
+        }
+    }
+    let lines = found.into_iter();
+    lines
+        .map(|(remark, letters)| format!("{}: {remark}", letters.join(", ")))
+        .collect()
 }
 
 fn first_sentence(text: &str) -> &str {
