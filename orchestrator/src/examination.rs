@@ -134,3 +134,70 @@ fn foresee(file: &MatrixFile, answers: &mut [Examination]) {
         answer.to_come_bytes = Some(bytes.sum());
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use std::collections::BTreeMap;
+
+    use record::axis::NATIVE;
+    use rstest::rstest;
+
+    use super::*;
+    use crate::plan::ProviderFacts;
+
+    /// A host on which these providers can be had, of the others of the two not, with or without what the experiment needs.
+    fn examined(available: &[&str], has_what_it_needs: Option<bool>) -> Examination {
+        let facts = |name: &str| ProviderFacts {
+            availability: match available.contains(&name) {
+                true => Availability::Available {
+                    detail: String::new(),
+                },
+                false => Availability::Unavailable {
+                    reason: "it is not there".to_owned(),
+                    fix: None,
+                },
+            },
+            needs: BTreeMap::new(),
+        };
+        let check = |available| Check {
+            name: "network".to_owned(),
+            required: true,
+            available,
+            reason: None,
+            fix: None,
+        };
+        Examination {
+            name: "lab".to_owned(),
+            facts: HostFacts {
+                providers: [NATIVE, "docker", "simulated"]
+                    .into_iter()
+                    .map(|name| (name.to_owned(), facts(name)))
+                    .collect(),
+                ..HostFacts::default()
+            },
+            checks: match has_what_it_needs {
+                Some(available) => Ok(vec![check(available)]),
+                None => Err(ProviderError::NotFound {
+                    what: "a workload for it".to_owned(),
+                }),
+            },
+            standing: None,
+            to_come_bytes: None,
+        }
+    }
+
+    #[rstest]
+    #[case::all_is_there(&[NATIVE, "docker", "simulated"], Some(true), false)]
+    #[case::what_the_experiment_needs_is_missing(&["docker", "simulated"], Some(false), true)]
+    #[case::a_mac_with_an_engine(&["docker", "simulated"], None, false)]
+    #[case::nothing_that_measures(&["simulated"], None, true)]
+    #[case::nothing_at_all(&[], None, true)]
+    fn a_host_is_lacking_if_nothing_can_be_measured_there_or_a_need_is_missing(
+        #[case] available: &[&str],
+        #[case] has_what_it_needs: Option<bool>,
+        #[case] is_lacking: bool,
+    ) {
+        let examined = examined(available, has_what_it_needs);
+        assert_eq!(examined.is_lacking(Catalogue::default()), is_lacking);
+    }
+}
