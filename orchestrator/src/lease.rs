@@ -116,13 +116,18 @@ pub fn ask(place: &Place, holder: &Holder) -> Result<Asked, LeaseError> {
         Ok(()) if file.metadata().map_err(fail)?.nlink() == 0 => ask(place, holder),
         Ok(()) => hold(file, holder).map(Asked::Granted).map_err(fail),
         Err(TryLockError::WouldBlock) => {
-            let mut text = Vec::new();
-            file.take(LONGEST_HOLDER).read_to_end(&mut text).map_err(fail)?;
-            let holder = serde_json::from_slice(&text).ok();
+            let holder = said_in(file).map_err(fail)?;
             Ok(Asked::Held { holder })
         }
         Err(TryLockError::Error(source)) => Err(fail(source)),
     }
+}
+
+/// What the holder of a lease says of itself in its file.
+fn said_in(file: File) -> io::Result<Option<Holder>> {
+    let mut text = Vec::new();
+    file.take(LONGEST_HOLDER).read_to_end(&mut text)?;
+    Ok(serde_json::from_slice(&text).ok())
 }
 
 /// Who holds the lease at `place` now, if somebody does and has said so.
@@ -130,11 +135,7 @@ pub fn ask(place: &Place, holder: &Holder) -> Result<Asked, LeaseError> {
 pub fn holder(place: &Place) -> Option<Holder> {
     let file = place.open().ok()?;
     match file.try_lock_shared() {
-        Err(TryLockError::WouldBlock) => {
-            let mut text = Vec::new();
-            file.take(LONGEST_HOLDER).read_to_end(&mut text).ok()?;
-            serde_json::from_slice(&text).ok()
-        }
+        Err(TryLockError::WouldBlock) => said_in(file).ok()?,
         _ => None,
     }
 }

@@ -43,6 +43,17 @@ pub use crate::{
     workload::{network_probe, workload_binary, workloads_for},
 };
 
+/// Two fake scenarios of four windows: the whole pipeline in a blink.
+pub const FAKE: &str = "\
+matrix:
+  virtualization: [fake]
+  labels: {place: [here, there]}
+workload:
+  windows: 4
+  window: 8s
+  period: 1s
+";
+
 /// Where the `matrix` binary is; built first if need be, by the same cargo that runs the tests, in the profile
 /// that the README's command uses, for benchmarks too.
 pub fn matrix_binary() -> &'static Path {

@@ -10,18 +10,7 @@ use std::{
 
 use rstest::rstest;
 use serde_json::Value;
-use tests::{Ran, Workplace};
-
-/// Two fake scenarios of four windows: the whole pipeline in a blink.
-const FAKE: &str = "\
-matrix:
-  virtualization: [fake]
-  labels: {place: [here, there]}
-workload:
-  windows: 4
-  window: 8s
-  period: 1s
-";
+use tests::{FAKE, Ran, Workplace};
 
 // Two tests, since they wait for disks more than they compute.
 #[rstest]

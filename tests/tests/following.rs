@@ -3,17 +3,7 @@
 use std::fs;
 
 use serde_json::json;
-use tests::Workplace;
-
-const FAKE: &str = "\
-matrix:
-  virtualization: [fake]
-  labels: {place: [here, there]}
-workload:
-  windows: 4
-  window: 8s
-  period: 1s
-";
+use tests::{FAKE, Workplace};
 
 #[test]
 fn runs_are_listed_with_how_they_ended_and_the_newest_is_the_latest() {

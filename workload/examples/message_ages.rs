@@ -5,7 +5,8 @@
 //! message_ages '{"network": {"seed": 1}}' --seconds 300 --stack-us 90
 //! ```
 //!
-//! Four connections each way between `sta1` and `sta2`, or as many as `--pairs` says, out of step, with a message each 20 ms. What is too close together
+//! Four connections each way between `sta1` and `sta2`, or as many as `--pairs` says, out of step, with a message each 20 ms. What
+//! is too close together
 //! is not independent: every 25th message is compared. What the hosts' kernels and the emulator add to the links' delays
 //! (`--stack-us`) is what the median is of the same call on links without any: `'{"network": {"delay": "0 ms", "jitter":
 //! "0 ms", "loss": "0 %"}}'`.

@@ -6,6 +6,8 @@ use record::{
     experiment::Compare, family::Member, report_settings::ReportSettings, run_directory::Difference,
 };
 
+use statistics::effect::level;
+
 use crate::{
     analysis::{
         agreement::Agreement,
@@ -188,6 +190,13 @@ impl Report {
     #[must_use]
     pub fn tally(&self, a: &str, b: &str) -> Option<&Tally> {
         self.tallies.find(a, b)
+    }
+
+    /// The means of a scenario's windows that count, by its letter.
+    #[must_use]
+    pub fn levels(&self, id: &str) -> Vec<f64> {
+        let samples = self.samples.iter().filter(|sample| sample.scenario == id);
+        samples.filter_map(|sample| level(&sample.values)).collect()
     }
 
     /// The letters of the pairs of the family that differ.

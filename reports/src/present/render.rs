@@ -9,6 +9,7 @@ mod markdown;
 mod summary;
 
 pub use document::ReportDocument;
+pub(crate) use html::head;
 pub use latex::LatexTable;
 pub(crate) use latex::prose;
 

@@ -54,7 +54,7 @@ impl Sweep {
         let measured: Vec<(&ScenarioReport, Vec<f64>)> = report
             .scenarios
             .iter()
-            .map(|scenario| (scenario, levels(report, scenario)))
+            .map(|scenario| (scenario, report.levels(&scenario.id)))
             .filter(|(_, levels)| !levels.is_empty())
             .collect();
         let texts: Option<Vec<String>> = measured.iter().map(|(scenario, _)| scenario.axis(axis)).collect();
@@ -109,15 +109,6 @@ impl Point {
             interval: interval.map(|interval| (shown(interval.low), shown(interval.high))),
         })
     }
-}
-
-/// The means of a scenario's windows.
-pub(crate) fn levels(report: &Report, scenario: &ScenarioReport) -> Vec<f64> {
-    let samples = report
-        .samples
-        .iter()
-        .filter(|sample| sample.scenario == scenario.id);
-    samples.filter_map(|sample| level(&sample.values)).collect()
 }
 
 /// The numbers of some texts, and their unit; none if one is no number, or they have no unit in common.

@@ -7,13 +7,13 @@ use std::fmt::Write as _;
 use maud::{DOCTYPE, Markup, PreEscaped, html};
 
 use super::{capitalised, parts_of};
-use crate::drift::{
-    Cause, Drift, Finding, Judgement, Metric, Night, Series, Verdict,
-    series::{Point, every_series},
+use crate::{
+    drift::{
+        Cause, Drift, Finding, Judgement, Metric, Night, Series, Verdict,
+        series::{Point, every_series},
+    },
+    present::render::head,
 };
-
-/// That of a report's page: one look for all pages.
-const STYLE: &str = include_str!("../../present/render/html/style.css");
 
 /// Of a drawing, in its own units.
 const WIDTH: f64 = 640.0;
@@ -40,13 +40,7 @@ impl Drift {
         let page = html! {
             (DOCTYPE)
             html lang="en" {
-                head {
-                    meta charset="utf-8";
-                    meta name="viewport" content="width=device-width, initial-scale=1";
-                    meta name="color-scheme" content="light dark";
-                    title { (capitalised(self.verdict().name())) ": history of " (nights.len()) " nights" }
-                    style { (PreEscaped(STYLE)) }
-                }
+                (head(&format!("{}: history of {} nights", capitalised(self.verdict().name()), nights.len())))
                 body {
                     header {
                         h1 { "History of " (nights.len()) " nights" }

@@ -39,13 +39,7 @@ pub(super) fn render(presented: &Presentation<'_>, figures: &[Figure]) -> String
     let page = html! {
         (DOCTYPE)
         html lang="en" {
-            head {
-                meta charset="utf-8";
-                meta name="viewport" content="width=device-width, initial-scale=1";
-                meta name="color-scheme" content="light dark";
-                title { "Report of " (report.run) }
-                style { (PreEscaped(STYLE)) }
-            }
+            (head(&format!("Report of {}", report.run)))
             body {
                 a .skip href="#tables" { "To the tables" }
                 header {
@@ -91,6 +85,19 @@ pub(super) fn render(presented: &Presentation<'_>, figures: &[Figure]) -> String
         }
     };
     page.into_string()
+}
+
+/// The head of a page, with one look for all pages.
+pub(crate) fn head(title: &str) -> Markup {
+    html! {
+        head {
+            meta charset="utf-8";
+            meta name="viewport" content="width=device-width, initial-scale=1";
+            meta name="color-scheme" content="light dark";
+            title { (title) }
+            style { (PreEscaped(STYLE)) }
+        }
+    }
 }
 
 const SECTIONS: [(&str, &str); 11] = [

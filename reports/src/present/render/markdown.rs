@@ -96,24 +96,37 @@ pub(super) fn block(text: &mut String, block: &str) {
 fn render_table(text: &mut String, table: &Table) {
     block(text, &format!("## {}", plain(&table.title)));
     if !table.rows.is_empty() {
-        let mut drawn = comfy_table::Table::new();
-        drawn
-            .load_preset(ASCII_MARKDOWN)
-            .set_content_arrangement(ContentArrangement::Disabled);
-        drawn.set_header(table.columns.iter().map(|column| cell(&column.heading)));
-        for row in &table.rows {
-            drawn.add_row(row.iter().map(|text| cell(text)));
-        }
-        for (column, about) in drawn.column_iter_mut().zip(&table.columns) {
-            if about.is_number {
-                column.set_cell_alignment(CellAlignment::Right);
-            }
-        }
-        block(text, &drawn.to_string());
+        let head = table.columns.iter().map(|column| cell(&column.heading));
+        let rows = table
+            .rows
+            .iter()
+            .map(|row| row.iter().map(|text| cell(text)).collect());
+        let numbers = table.columns.iter().map(|column| column.is_number);
+        block(text, &drawn(head.collect(), rows, numbers));
     }
     for note in &table.notes {
         block(text, &wrapped(&plain(note), "", ""));
     }
+}
+
+/// A table of cells that are as they are to be seen, the columns of numbers set flush right.
+pub(super) fn drawn(
+    head: Vec<String>,
+    rows: impl Iterator<Item = Vec<String>>,
+    is_number: impl Iterator<Item = bool>,
+) -> String {
+    let mut drawn = comfy_table::Table::new();
+    drawn
+        .load_preset(ASCII_MARKDOWN)
+        .set_content_arrangement(ContentArrangement::Disabled);
+    drawn.set_header(head);
+    drawn.add_rows(rows);
+    for (column, is_number) in drawn.column_iter_mut().zip(is_number) {
+        if is_number {
+            column.set_cell_alignment(CellAlignment::Right);
+        }
+    }
+    drawn.to_string()
 }
 
 pub(super) fn cell(text: &str) -> String {

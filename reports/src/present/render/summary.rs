@@ -1,10 +1,9 @@
 //! A report on one screen of a terminal of 80 columns: what was found, a row for each scenario, and what a reader must know. The rest
 //! is in the report's folder. The function is [`render`].
 
-use comfy_table::{CellAlignment, ContentArrangement, presets::ASCII_MARKDOWN};
 use record::run_directory::EnvironmentRecord;
 
-use super::markdown::{WIDTH, block, cell, plain, wrapped};
+use super::markdown::{WIDTH, block, drawn, plain, wrapped};
 use crate::{
     analysis::{
         report::Report,
@@ -91,7 +90,14 @@ fn scenarios(report: &Report, axes: &Axes) -> String {
             row.insert(row.len() - 1, plot);
         }
     }
-    let mut text = drawn(&rows);
+    // Blanks at the ends of a plot are part of it.
+    let mut rows = rows.into_iter().map(|row| {
+        row.iter()
+            .map(|text| text.replace('|', "\\|"))
+            .collect::<Vec<_>>()
+    });
+    let head = rows.next().unwrap_or_default();
+    let mut text = drawn(head, rows, (0..).map(|column| column == VALUE));
     if scale.is_some() && !is_beside && shown.len() <= MOST_BELOW {
         let letters = shown.iter().map(|(scenario, _)| scenario.id.as_str());
         let names = letters
@@ -110,23 +116,6 @@ fn scenarios(report: &Report, axes: &Axes) -> String {
         0 => text,
         more => format!("{text}\n\nand {more} more scenarios."),
     }
-}
-
-fn drawn(rows: &[Vec<String>]) -> String {
-    let mut drawn = comfy_table::Table::new();
-    drawn
-        .load_preset(ASCII_MARKDOWN)
-        .set_content_arrangement(ContentArrangement::Disabled);
-    let mut rows = rows.iter();
-    drawn.set_header(rows.next().into_iter().flatten().map(|text| cell(text)));
-    for row in rows {
-        // Blanks at the ends of a plot are part of it.
-        drawn.add_row(row.iter().map(|text| text.replace('|', "\\|")));
-    }
-    if let Some(column) = drawn.column_mut(VALUE) {
-        column.set_cell_alignment(CellAlignment::Right);
-    }
-    drawn.to_string()
 }
 
 fn heading(report: &Report) -> Vec<String> {
@@ -186,17 +175,10 @@ fn against_baseline(report: &Report, scenario: &ScenarioReport) -> String {
         return "baseline".to_owned();
     }
     let baselines = baselines(report);
-    let mut verdicts: Vec<(&str, Vec<&str>)> = Vec::new();
-    for baseline in &baselines {
-        let Some(pair) = report.contrasts.find(&baseline.id, &scenario.id) else {
-            continue;
-        };
-        let verdict = pair.verdict.name();
-        match verdicts.iter_mut().find(|(other, _)| *other == verdict) {
-            Some((_, letters)) => letters.push(&baseline.id),
-            None => verdicts.push((verdict, vec![&baseline.id])),
-        }
-    }
+    let verdicts = together(baselines.iter().filter_map(|baseline| {
+        let pair = report.contrasts.find(&baseline.id, &scenario.id)?;
+        Some((pair.verdict.name(), baseline.id.as_str()))
+    }));
     let words = verdicts.iter().map(|(verdict, letters)| match baselines.len() {
         1 => (*verdict).to_owned(),
         _ => format!("{verdict} ({})", letters.join(", ")),
@@ -225,27 +207,14 @@ fn legend(report: &Report, axes: &Axes) -> String {
 
 /// Why scenarios have no window, those with the same reason together.
 fn unmeasured(report: &Report) -> Vec<String> {
-    let mut reasons: Vec<(Standing, &str, Option<&str>, Vec<&str>)> = Vec::new();
-    for scenario in &report.scenarios {
-        let Some(reason) = &scenario.reason else {
-            continue;
-        };
-        let same = reasons
-            .iter_mut()
-            .find(|(standing, other, _, _)| *standing == scenario.standing && other == reason);
-        match same {
-            Some((_, _, _, letters)) => letters.push(&scenario.id),
-            None => reasons.push((
-                scenario.standing,
-                reason,
-                scenario.hint.as_deref(),
-                vec![&scenario.id],
-            )),
-        }
-    }
-    let lines = reasons.into_iter().map(|(standing, reason, hint, letters)| {
+    let reasons = together(report.scenarios.iter().filter_map(|scenario| {
+        let reason = scenario.reason.as_deref()?;
+        let why = (scenario.standing.name(), reason, scenario.hint.as_deref());
+        Some((why, scenario.id.as_str()))
+    }));
+    let lines = reasons.into_iter().map(|((standing, reason, hint), letters)| {
         let hint = hint.map_or_else(String::new, |hint| format!(". To do: {hint}"));
-        format!("{} {}: {reason}{hint}", letters.join(", "), standing.name())
+        format!("{} {standing}: {reason}{hint}", letters.join(", "))
     });
     lines.collect()
 }
@@ -265,19 +234,26 @@ fn not_valid(report: &Report) -> Vec<String> {
 
 /// What is to be said of the scenarios' environments, those of which the same is to be said together.
 fn of_environments(report: &Report) -> Vec<String> {
-    let mut found: Vec<(String, Vec<&str>)> = Vec::new();
-    for scenario in &report.scenarios {
-        for remark in scenario.environment.iter().flat_map(EnvironmentRecord::remarks) {
-            match found.iter_mut().find(|(other, _)| *other == remark) {
-                Some((_, letters)) => letters.push(&scenario.id),
-                None => found.push((remark, vec![&scenario.id])),
-            }
-        }
-    }
-    let lines = found.into_iter();
+    let remarks = together(report.scenarios.iter().flat_map(|scenario| {
+        let remarks = scenario.environment.iter().flat_map(EnvironmentRecord::remarks);
+        remarks.map(|remark| (remark, scenario.id.as_str()))
+    }));
+    let lines = remarks.into_iter();
     lines
         .map(|(remark, letters)| format!("{}: {remark}", letters.join(", ")))
         .collect()
+}
+
+/// The letters of which the same is to be said, in the order in which it is said first.
+fn together<'a, T: PartialEq>(said: impl Iterator<Item = (T, &'a str)>) -> Vec<(T, Vec<&'a str>)> {
+    let mut groups: Vec<(T, Vec<&str>)> = Vec::new();
+    for (what, letter) in said {
+        match groups.iter_mut().find(|(other, _)| *other == what) {
+            Some((_, letters)) => letters.push(letter),
+            None => groups.push((what, vec![letter])),
+        }
+    }
+    groups
 }
 
 fn first_sentence(text: &str) -> &str {
@@ -299,16 +275,12 @@ impl Quantiles {
     /// None without a value.
     fn of(report: &Report, scenario: &str) -> Option<Self> {
         let samples = report.samples.iter().filter(|sample| sample.scenario == scenario);
-        let levels = samples
-            .clone()
-            .filter_map(|sample| statistics::effect::level(&sample.values));
-        let levels: Vec<f64> = levels.collect();
         let mut values: Vec<f64> = samples.flat_map(|sample| sample.values.iter().copied()).collect();
         values.sort_by(f64::total_cmp);
         let last = values.len().checked_sub(1)?;
         let quantile = |share: f64| values.get((share * last as f64).round() as usize).copied();
         Some(Self {
-            mean: statistics::effect::level(&levels)?,
+            mean: statistics::effect::level(&report.levels(scenario))?,
             at: [
                 quantile(0.05)?,
                 quantile(0.25)?,

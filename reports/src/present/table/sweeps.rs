@@ -1,11 +1,12 @@
 //! The metric of each scenario by its values on two axes: what a sweep over two settings is read from.
 
+use statistics::effect::{level, mean_interval};
+
 use super::{NO_DATA, Table, texts};
 use crate::{
     analysis::{report::Report, scenario::ScenarioReport},
-    present::{axes::Axes, sweep::levels},
+    present::axes::Axes,
 };
-use statistics::effect::{level, mean_interval};
 
 /// Columns of such a table.
 const MOST_COLUMNS: usize = 12;
@@ -61,7 +62,7 @@ pub(super) fn of(report: &Report) -> Option<Table> {
 }
 
 fn cell(report: &Report, scenario: &ScenarioReport) -> String {
-    let levels = levels(report, scenario);
+    let levels = report.levels(&scenario.id);
     let Some(mean) = level(&levels) else {
         return NO_DATA.to_owned();
     };
