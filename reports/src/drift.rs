@@ -21,6 +21,7 @@ pub mod digest;
 pub mod history;
 mod metric;
 pub mod night;
+pub mod pruning;
 mod render;
 mod series;
 

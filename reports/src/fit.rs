@@ -102,7 +102,7 @@ impl FitError {
 /// # Errors
 /// When the run cannot be read, or has nothing to fit.
 pub fn fit(directory: &RunDirectory, wanted: &[u32]) -> Result<Vec<FittedPlatform>, FitError> {
-    let records = RunRecords::read(directory)?;
+    let records = RunRecords::read_unpruned(directory)?;
     let run = &records.manifest.run;
     let fitted = of_the_ball(&records, |planned, known| {
         of_scenario(directory, run, planned, known, wanted)

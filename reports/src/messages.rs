@@ -162,7 +162,7 @@ pub fn write_messages(directory: &RunDirectory, wanted: &[String]) -> Result<Mes
         plan,
         state,
         ..
-    } = RunRecords::read(directory)?;
+    } = RunRecords::read_unpruned(directory)?;
     for asked in wanted {
         if !plan.scenarios.iter().any(|planned| planned.is_called(asked)) {
             return Err(MessagesError::NoSuchScenario {

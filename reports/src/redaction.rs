@@ -262,7 +262,7 @@ impl Found {
             plan,
             journal,
             ..
-        } = RunRecords::read(run)?;
+        } = RunRecords::read_unpruned(run)?;
         for host in &manifest.hosts {
             self.add_host(&host.name);
         }
@@ -510,7 +510,7 @@ impl ScenarioRun {
 /// # Errors
 /// When there is something at that place, and when something cannot be read or written, or is damaged.
 pub fn copy(run: &RunDirectory, to: &Path, redaction: &Redaction) -> Result<(), CopyError> {
-    let records = RunRecords::read(run)?;
+    let records = RunRecords::read_unpruned(run)?;
     std::fs::create_dir_all(to.parent().unwrap_or(to)).map_err(at(to))?;
     std::fs::create_dir(to).map_err(at(to))?;
     let copy = RunDirectory::new(to);

@@ -139,7 +139,7 @@ impl ReplayRunError {
 /// # Errors
 /// When the run directory cannot be read, or has nothing to replay.
 pub fn replay(directory: &RunDirectory) -> Result<ReplayDocument, ReplayRunError> {
-    let records = RunRecords::read(directory)?;
+    let records = RunRecords::read_unpruned(directory)?;
     let mut scenarios = of_the_ball(&records, |planned, known| {
         Ok::<_, ReadError>(ScenarioReplay {
             id: planned.id.clone(),

@@ -6,10 +6,10 @@ use crate::cli::command::{
     calibrate::CalibrateArguments, check::CheckArguments, clean::CleanArguments,
     completions::CompletionsArguments, doctor::DoctorArguments, drift::DriftArguments,
     explain::ExplainArguments, fit::FitArguments, ks::KsArguments, man::ManArguments,
-    messages::MessagesArguments, options::OutputArguments, plan::PlanArguments, redact::RedactArguments,
-    replay::ReplayArguments, report::ReportArguments, resume::ResumeArguments, run::RunArguments,
-    runs::RunsArguments, schema::SchemaArguments, shell::ShellArguments, status::StatusArguments,
-    watch::WatchArguments,
+    messages::MessagesArguments, options::OutputArguments, plan::PlanArguments, prune::PruneArguments,
+    redact::RedactArguments, replay::ReplayArguments, report::ReportArguments, resume::ResumeArguments,
+    run::RunArguments, runs::RunsArguments, schema::SchemaArguments, shell::ShellArguments,
+    status::StatusArguments, watch::WatchArguments,
 };
 
 const AFTER_HELP: &str = "\
@@ -67,6 +67,8 @@ pub enum Command {
     Calibrate(CalibrateArguments),
     /// Say whether what is measured night after night has changed, and what else changed with it.
     Drift(DriftArguments),
+    /// Remove the logs and captures of all runs in a folder but the newest, and keep what `matrix drift` needs of them.
+    Prune(PruneArguments),
     /// Compare two files of numbers, one a line, with the two-sample Kolmogorov-Smirnov test.
     Ks(KsArguments),
     /// Open a shell in an environment that was kept.
@@ -101,6 +103,7 @@ impl Command {
             Self::Replay(arguments) => arguments.output,
             Self::Calibrate(arguments) => arguments.output,
             Self::Drift(arguments) => arguments.output,
+            Self::Prune(arguments) => arguments.output,
             Self::Ks(arguments) => arguments.output,
             Self::Clean(arguments) => arguments.output,
             Self::Doctor(arguments) => arguments.output,

@@ -13,6 +13,7 @@ pub mod man;
 pub mod messages;
 pub mod options;
 pub mod plan;
+pub mod prune;
 pub mod redact;
 pub mod replay;
 pub mod report;
@@ -51,6 +52,7 @@ pub async fn execute(command: &Command, catalogue: Catalogue) -> Result<Exit, Co
         Command::Replay(arguments) => replay::execute(arguments),
         Command::Calibrate(arguments) => calibrate::execute(arguments),
         Command::Drift(arguments) => drift::execute(arguments),
+        Command::Prune(arguments) => prune::execute(arguments),
         Command::Ks(arguments) => ks::execute(arguments),
         Command::Shell(arguments) => shell::execute(arguments, catalogue).await,
         Command::Clean(arguments) => clean::execute(arguments, catalogue).await,

@@ -119,6 +119,16 @@ impl RecordedRunError {
     }
 }
 
+impl From<RunRecords> for RecordedRun {
+    fn from(records: RunRecords) -> Self {
+        Self {
+            manifest: records.manifest,
+            plan: records.plan,
+            state: records.state,
+        }
+    }
+}
+
 impl RecordedRun {
     /// The run directory at `path`, absolute, so that leftovers can say where they belong.
     ///
@@ -138,12 +148,15 @@ impl RecordedRun {
     /// # Errors
     /// When it is missing, half-written or of a future format.
     pub fn read(directory: &RunDirectory) -> Result<Self, RecordedRunError> {
-        let records = RunRecords::read(directory)?;
-        Ok(Self {
-            manifest: records.manifest,
-            plan: records.plan,
-            state: records.state,
-        })
+        Ok(RunRecords::read(directory)?.into())
+    }
+
+    /// Reads it, to go on with it.
+    ///
+    /// # Errors
+    /// As [`Self::read`], and when it was pruned: its windows would be taken for lost, and be measured again.
+    pub fn read_unpruned(directory: &RunDirectory) -> Result<Self, RecordedRunError> {
+        Ok(RunRecords::read_unpruned(directory)?.into())
     }
 
     /// Where it stands, with the windows that the journal has and the directory has not left out: as `matrix resume` will find

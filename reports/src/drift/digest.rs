@@ -5,10 +5,16 @@
 //! report/night.json    made_from    SHA-256 of the name, length and time of change of every file of the run
 //!                      night        what they came to
 //!                      sha256       of that, as JSON without white space
+//! pruned.json          format       how the numbers of the night were taken
+//!                      at           when what was measured was removed
+//!                      files        how many files that was, and their bytes
+//!                      night        what they came to
+//!                      sha256       of that
 //! ```
 //!
 //! What is kept is believed while no file of the run is another than it was; else the run is read again. It can be removed
 //! at any time, and one that cannot be written is no error: it only saves time.
+//! Not so the night of a run that was pruned: nothing else has its numbers.
 
 use std::{
     io::{self, Write as _},
@@ -16,7 +22,7 @@ use std::{
     time::UNIX_EPOCH,
 };
 
-use record::run_directory::{Kind, Place, ReadError, RunDirectory, values_in};
+use record::run_directory::{Kind, Place, ReadError, RunDirectory, read_file, values_in};
 use serde::{Deserialize, Serialize};
 use sha2::{Digest, Sha256};
 
@@ -40,12 +46,40 @@ struct Kept<N> {
     sha256: String,
 }
 
+/// What is kept of a run of which what was measured was removed.
+#[derive(Serialize, Deserialize)]
+pub(super) struct Pruned<N> {
+    format: u32,
+    at: String,
+    files: usize,
+    bytes: u64,
+    night: N,
+    sha256: String,
+}
+
+impl<'a> Pruned<&'a Night> {
+    /// Of a run whose files, so many and of so many bytes, are to be removed now.
+    pub(super) fn of(night: &'a Night, at: &str, (files, bytes): (usize, u64)) -> Self {
+        Self {
+            format: FORMAT,
+            at: at.to_owned(),
+            files,
+            bytes,
+            sha256: sha256_of(night),
+            night,
+        }
+    }
+}
+
 /// The night of a run directory, from what was kept of it or from all of it.
 ///
 /// # Errors
 /// When nothing that is true was kept and the run cannot be read.
 pub fn night_of(path: &Path) -> Result<Night, ReadError> {
     let directory = RunDirectory::new(path);
+    if let Some(night) = of_pruned(&directory)? {
+        return Ok(night);
+    }
     // Before it is read: what changes meanwhile is read again the next time.
     let made_from = state_of(&directory).ok();
     let kept = made_from
@@ -69,6 +103,41 @@ pub fn night_of(path: &Path) -> Result<Night, ReadError> {
         );
     }
     Ok(night)
+}
+
+/// The night of a run that was pruned; none of any other.
+///
+/// # Errors
+/// When it is there and cannot be believed: nothing else has its numbers.
+fn of_pruned(directory: &RunDirectory) -> Result<Option<Night>, ReadError> {
+    let place = directory.pruned();
+    if !place.exists() {
+        return Ok(None);
+    }
+    let text = read_file(&place, LONGEST)?;
+    let damaged = |how: &str| ReadError::Damaged {
+        path: place.path(),
+        how: how.to_owned(),
+    };
+    if values_in(&text) > MOST_VALUES {
+        return Err(damaged("it has more values than a night can have"));
+    }
+    let kept: Pruned<Night> = serde_json::from_slice(&text).map_err(|source| ReadError::Json {
+        path: place.path(),
+        source,
+    })?;
+    // Numbers that were taken in an earlier way stay what they are: they cannot be taken anew.
+    match kept.format {
+        format if format > FORMAT => Err(ReadError::FutureFormat {
+            path: place.path(),
+            found: format.into(),
+            known: FORMAT,
+        }),
+        _ if kept.sha256 != sha256_of(&kept.night) => {
+            Err(damaged("its SHA-256 is not the one that it has of its night"))
+        }
+        _ => Ok(Some(kept.night)),
+    }
 }
 
 fn file_of(directory: &RunDirectory) -> Place {

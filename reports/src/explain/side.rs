@@ -34,7 +34,7 @@ impl<'a> Source<'a> {
     pub fn of(directory: &'a RunDirectory, run: &'a Run) -> Result<Self, ReadError> {
         Ok(Self {
             directory,
-            records: RunRecords::read(directory)?,
+            records: RunRecords::read_unpruned(directory)?,
             run,
         })
     }

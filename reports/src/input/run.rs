@@ -238,7 +238,7 @@ pub fn load_by(path: &Path, error: Option<ErrorOf>) -> Result<Run, ReadError> {
         plan,
         journal,
         mut state,
-    } = RunRecords::read(&directory)?;
+    } = RunRecords::read_unpruned(&directory)?;
     let error = error.unwrap_or(manifest.report.error);
     let mut stays = overheads::stays(&journal);
     let with_state = |planned: PlannedScenario| {

@@ -40,7 +40,7 @@ pub struct Damage {
 /// # Errors
 /// When its manifest, plan or journal cannot be read or are damaged: what the other files should be is not known then.
 pub fn verify(directory: &RunDirectory) -> Result<Verification, ReadError> {
-    let records = RunRecords::read(directory)?;
+    let records = RunRecords::read_unpruned(directory)?;
     let mut looks = [directory.manifest(), directory.plan(), directory.journal()]
         .map(|place| Look::at(place, Ok(())))
         .to_vec();

@@ -7,6 +7,7 @@
 //!   events.jsonl        what happened: one JournalEntry a line
 //!   experiment.tar.lz4  the files of a user's experiment, if it has any
 //!   scenarios/<slug>/   environment.json, window-1/ … window-4/, broken/…
+//!   pruned.json         only if `matrix prune` removed what was measured
 //!   report/             written by `reports`
 //! ```
 //!
@@ -136,6 +137,12 @@ impl RunDirectory {
     #[must_use]
     pub fn broken(&self, slug: &str, environment: &str) -> Place {
         self.scenario(slug).join("broken").join(environment)
+    }
+
+    /// What is kept of a run of which `matrix prune` removed what was measured; not there before.
+    #[must_use]
+    pub fn pruned(&self) -> Place {
+        self.0.join("pruned.json")
     }
 
     /// Where the report goes.

@@ -15,7 +15,9 @@ use record::{
     run_directory::{Place, RunDirectory},
 };
 use reports::{
-    drift::{self, Acknowledgements, Drift, Metric, Night, Settings, Verdict, contrasts::NightContrasts},
+    drift::{
+        self, Acknowledgements, Drift, Finding, Metric, Night, Settings, Verdict, contrasts::NightContrasts,
+    },
     explain::{Effort, Found, Source, explain},
 };
 
@@ -89,34 +91,25 @@ const KNOWN: &str = "drift.yaml";
 pub fn execute(arguments: &DriftArguments) -> Result<Exit, CommandError> {
     // Reading a year of runs takes a while.
     let begun = SystemTime::now();
+    let chosen = match &arguments.history {
+        Some(history) => Chosen::of_history(history)?,
+        None => Chosen::to_compare(&arguments.baseline, arguments.candidate.as_ref())?,
+    };
+    ensure_each_is_given_once(&chosen.nights)?;
+    let mut settings = chosen.settings(arguments.acknowledged.as_deref())?;
+    settings.alpha = arguments.alpha;
+    let asked = arguments
+        .equivalence_margin
+        .map(|margin| (Metric::TrackingError, margin.metres()));
+    settings.equivalence_margins.extend(asked);
     let Chosen {
         nights,
         paths,
         judge,
-        beside,
         left_out,
-    } = match &arguments.history {
-        Some(history) => Chosen::of_history(history)?,
-        None => Chosen::to_compare(&arguments.baseline, arguments.candidate.as_ref())?,
-    };
-    ensure_each_is_given_once(&nights)?;
+        ..
+    } = chosen;
     let newest = nights.last();
-    let settings = Settings {
-        alpha: arguments.alpha,
-        equivalence_margins: {
-            let asked = arguments
-                .equivalence_margin
-                .map(|margin| (Metric::TrackingError, margin.metres()));
-            let declared = newest.map(Night::margins).unwrap_or_default();
-            declared.into_iter().chain(asked).collect()
-        },
-        acknowledgements: match (&arguments.acknowledged, &beside) {
-            (Some(path), _) => known(path, matrix_file::text_within_limits(path))?,
-            (None, Some(place)) => known(&place.path(), matrix_file::text_at(place))?,
-            (None, None) => Acknowledgements::default(),
-        },
-        ..Settings::default()
-    };
     let mut found = judge(&nights, &settings);
     found.remarks.extend(left_out.remarks);
     if let Some(reason) = left_out.newest {
@@ -199,6 +192,19 @@ impl Chosen {
         })
     }
 
+    /// What is declared and known: in this file, or in the one beside the run directories.
+    fn settings(&self, acknowledged: Option<&Path>) -> Result<Settings, CommandError> {
+        Ok(Settings {
+            equivalence_margins: self.nights.last().map(Night::margins).unwrap_or_default(),
+            acknowledgements: match (acknowledged, &self.beside) {
+                (Some(path), _) => known(path, matrix_file::text_within_limits(path))?,
+                (None, Some(place)) => known(&place.path(), matrix_file::text_at(place))?,
+                (None, None) => Acknowledgements::default(),
+            },
+            ..Settings::default()
+        })
+    }
+
     fn to_compare(baseline: &[PathBuf], candidate: Option<&PathBuf>) -> Result<Self, CommandError> {
         let mut paths = BTreeMap::new();
         let mut nights = in_order(read(baseline, &mut paths)?);
@@ -209,6 +215,43 @@ impl Chosen {
             judge: drift::baseline::judge,
             beside: None,
             left_out: LeftOut::default(),
+        })
+    }
+}
+
+/// A folder of run directories, for `matrix prune`.
+pub(super) struct History {
+    /// Each night with its run directory, the earliest first.
+    pub(super) nights: Vec<(Night, PathBuf)>,
+    /// The names of the runs between which something changed that nobody has acknowledged.
+    pub(super) told_of: BTreeSet<String>,
+    /// Run directories that cannot be read, and why.
+    pub(super) unreadable: Vec<String>,
+}
+
+impl History {
+    /// Reads and judges it.
+    ///
+    /// # Errors
+    /// As [`execute`].
+    pub(super) fn read(folder: &Path) -> Result<Self, CommandError> {
+        let mut chosen = Chosen::of_history(folder)?;
+        ensure_each_is_given_once(&chosen.nights)?;
+        let found = (chosen.judge)(&chosen.nights, &chosen.settings(None)?);
+        let findings = found
+            .judgements
+            .into_iter()
+            .flat_map(|judgement| judgement.findings);
+        let open = findings.filter(Finding::is_news);
+        let paths = &mut chosen.paths;
+        let with_path = |night: Night| {
+            let path = paths.remove(&night.run)?;
+            Some((night, path))
+        };
+        Ok(Self {
+            nights: chosen.nights.into_iter().filter_map(with_path).collect(),
+            told_of: open.flat_map(|finding| [finding.before, finding.since]).collect(),
+            unreadable: chosen.left_out.remarks,
         })
     }
 }

@@ -57,7 +57,7 @@ pub fn execute(arguments: &FitArguments) -> Result<Exit, CommandError> {
     let directory = RunDirectory::new(&arguments.run);
     let file = |slug: &str| arguments.output.join(format!("{slug}.yaml"));
     // Fitting takes a while: what cannot be written is said before.
-    let records = RunRecords::read(&directory).map_err(|error| unreadable(&error))?;
+    let records = RunRecords::read_unpruned(&directory).map_err(|error| unreadable(&error))?;
     for planned in &records.plan.scenarios {
         let path = file(&planned.slug);
         if path.exists() {

@@ -75,7 +75,7 @@ pub fn execute(arguments: &RedactArguments) -> Result<Exit, CommandError> {
 
 /// Makes one copy, and reads it as a report would, so that its checksums hold.
 fn copy(run: &RunDirectory, into: &Path, names: &Redaction) -> Result<PathBuf, CommandError> {
-    let records = RunRecords::read(run).map_err(|error| unreadable(&error))?;
+    let records = RunRecords::read_unpruned(run).map_err(|error| unreadable(&error))?;
     let name = names.text(&records.manifest.run);
     let to = into.join(name);
     redaction::copy(run, &to, names).map_err(|error| refused(&error))?;

@@ -46,7 +46,7 @@ pub struct ResumeArguments {
 pub async fn execute(arguments: &ResumeArguments, catalogue: Catalogue) -> Result<Exit, CommandError> {
     // Read before locking: a folder that is not a run must not get a lock file.
     let directory = RecordedRun::directory(&arguments.run)?;
-    let recorded = RecordedRun::read(&directory)?;
+    let recorded = RecordedRun::read_unpruned(&directory)?;
     recorded.is_here(&directory, &StateDirectory::of_this_user())?;
     if arguments.dry_run {
         let state = recorded.state_in(&directory);
@@ -58,7 +58,7 @@ pub async fn execute(arguments: &ResumeArguments, catalogue: Catalogue) -> Resul
         return Ok(Exit::Done);
     }
     let _lock = lock(&directory, &recorded.manifest.run)?;
-    let recorded = RecordedRun::read(&directory)?;
+    let recorded = RecordedRun::read_unpruned(&directory)?;
     let show = if arguments.output.quiet {
         ProgressDisplay::Nothing
     } else {

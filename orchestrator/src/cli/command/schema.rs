@@ -8,8 +8,8 @@ use serde_json::Value;
 
 use super::{
     calibrate::CalibrateDocument, check::CheckDocument, clean::CleanDocument, doctor::DoctorDocument,
-    explain::ExplainDocument, ks::KsDocument, plan::PlanDocument, redact::RedactDocument,
-    resume::ResumeDocument, runs::RunsDocument, status::StatusDocument,
+    explain::ExplainDocument, ks::KsDocument, plan::PlanDocument, prune::PruneDocument,
+    redact::RedactDocument, resume::ResumeDocument, runs::RunsDocument, status::StatusDocument,
 };
 use crate::{
     cli::terminal::{self, ErrorDocument},
@@ -70,6 +70,11 @@ const SCHEMAS: &[Schema] = &[
         name: "runs",
         of: "`matrix runs --json`",
         make: output::<RunsDocument>,
+    },
+    Schema {
+        name: "prune",
+        of: "`matrix prune --json`",
+        make: output::<PruneDocument>,
     },
     Schema {
         name: "resume",

@@ -35,6 +35,12 @@ pub enum ReadError {
         /// The file.
         path: PathBuf,
     },
+    /// `matrix prune` removed what was measured.
+    #[error("{} was pruned: its logs and captures are gone", path.display())]
+    Pruned {
+        /// The run directory.
+        path: PathBuf,
+    },
     /// Written by a newer version.
     #[error("{} has format {found}, and this version of matrix knows formats up to {known}", path.display())]
     FutureFormat {
@@ -129,6 +135,10 @@ impl ReadError {
             }
             Self::HalfWritten { .. } => {
                 "nothing had been measured when it was left: start again with `matrix run`, and delete it"
+                    .into()
+            }
+            Self::Pruned { .. } => {
+                "its records and its report, `report/report.html`, are as they were, and `matrix drift` goes on using its night; for more, restore the run from a copy"
                     .into()
             }
             Self::FutureFormat { .. } => "use the version of matrix that wrote it, or a later one".into(),

@@ -50,6 +50,20 @@ impl RunRecords {
             state,
         })
     }
+
+    /// Reads them of a run of which what was measured is there, too.
+    ///
+    /// # Errors
+    /// As [`Self::read`], and when the run was pruned.
+    pub fn read_unpruned(directory: &RunDirectory) -> Result<Self, ReadError> {
+        let records = Self::read(directory)?;
+        match directory.pruned().exists() {
+            true => Err(ReadError::Pruned {
+                path: directory.path().to_owned(),
+            }),
+            false => Ok(records),
+        }
+    }
 }
 
 impl Manifest {
