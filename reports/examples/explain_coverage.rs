@@ -1,10 +1,10 @@
 //! How often the intervals of `matrix explain` hold, on differences that were made:
 //!
 //! ```text
-//! cargo run -p reports --example explain_coverage -- MATRIX FOLDER REPETITIONS
+//! cargo run -p reports --example explain_coverage -- MATRIX FOLDER REPETITIONS [FACTOR...]
 //! ```
 //!
-//! MATRIX is the program. Each difference is simulated REPETITIONS times, with other seeds, in FOLDER, and each repetition is explained. The
+//! MATRIX is the program, and each FACTOR one of `delays`, `stalls` and `losses`; without one it is all of them. Each difference is simulated REPETITIONS times, with other seeds, in FOLDER, and each repetition is explained. The
 //! true part of the factor that differs is the difference of the mean errors of both scenarios as they were set up, simulated at length, and
 //! that of all other factors is 0. Prints a table of docs/twin.md.
 
@@ -65,12 +65,13 @@ const MADE: [Made; 3] = [
 
 fn main() -> Outcome<()> {
     let arguments: Vec<String> = env::args().skip(1).collect();
-    let [matrix, folder, repetitions] = arguments.as_slice() else {
-        return Err("explain_coverage MATRIX FOLDER REPETITIONS".into());
+    let [matrix, folder, repetitions, factors @ ..] = arguments.as_slice() else {
+        return Err("explain_coverage MATRIX FOLDER REPETITIONS [FACTOR...]".into());
     };
     let repetitions: u32 = repetitions.parse()?;
     let matrix = fs::canonicalize(matrix)?;
-    for (nth, made) in (0..).zip(&MADE) {
+    let is_asked = |made: &Made| factors.is_empty() || factors.iter().any(|factor| factor == made.factor);
+    for (nth, made) in (0..).zip(&MADE).filter(|(_, made)| is_asked(made)) {
         let at = |seed: u32| Path::new(folder).join(format!("{nth}-{seed}"));
         let all: Vec<Repetition> = (1..=repetitions)
             .into_par_iter()

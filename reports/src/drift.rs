@@ -28,14 +28,14 @@ mod series;
 #[cfg(test)]
 mod tests;
 
-use std::collections::BTreeMap;
+use std::{collections::BTreeMap, path::PathBuf};
 
 #[cfg(feature = "schema")]
 pub use acknowledgement::schema;
 pub use acknowledgement::{Acknowledgement, Acknowledgements, Baseline};
 pub use metric::Metric;
 pub use night::{MissingData, Night};
-pub use render::DriftDocument;
+pub use render::{DriftDocument, series as series_for_programs};
 pub use series::{Cause, Series, series_of};
 
 use crate::explain::Found;
@@ -144,6 +144,8 @@ pub struct Finding {
     pub withdrawn: Option<String>,
     /// What the change of the tracking error comes from; only of what [`Drift::explain`] was asked about.
     pub explained: Option<Found>,
+    /// Where the report of the first night with it is; only where [`Drift::find_reports`] found it.
+    pub report: Option<PathBuf>,
 }
 
 impl Finding {
@@ -252,6 +254,13 @@ impl Drift {
             for finding in judgement.findings.iter_mut().filter(|it| it.is_news()) {
                 finding.explained = Some(ask(&judgement.scenario, [&finding.before, &finding.since], asked));
             }
+        }
+    }
+
+    /// Says with each change where the report of its first night is. `of_run` is given a run's name.
+    pub fn find_reports(&mut self, of_run: impl Fn(&str) -> Option<PathBuf>) {
+        for finding in self.judgements.iter_mut().flat_map(|it| &mut it.findings) {
+            finding.report = of_run(&finding.since);
         }
     }
 

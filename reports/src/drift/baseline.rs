@@ -175,6 +175,7 @@ fn judgement(
             immaterial: settings.is_immaterial(&series.metric, tonight.level - level_before),
             withdrawn: None,
             explained: None,
+            report: None,
         });
     }
     let verdict = match (findings.iter().any(Finding::is_news), comparison.detectable) {

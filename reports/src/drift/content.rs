@@ -195,6 +195,7 @@ fn finding(
         immaterial: false,
         withdrawn: None,
         explained: None,
+        report: None,
     }
 }
 

@@ -244,5 +244,6 @@ fn finding(
         immaterial: settings.is_immaterial(&series.metric, level_since - level_before),
         withdrawn: change.withdrawn.map(|night| run(points.get(night))),
         explained: None,
+        report: None,
     }
 }

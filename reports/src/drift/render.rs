@@ -6,7 +6,7 @@ mod junit;
 mod page;
 mod text;
 
-pub use json::DriftDocument;
+pub use json::{DriftDocument, series};
 
 use std::time::Duration;
 
@@ -118,6 +118,10 @@ impl Finding {
             0.0 => String::new(),
             before => format!(" ({:+.1} %)", (level.since - before) / before.abs() * 100.0),
         };
+        let report = match &self.report {
+            None => String::new(),
+            Some(report) => format!("; see {}", report.display()),
+        };
         let change = match self.kind {
             Kind::Jump => format!("jumped from {from} to {to}{percent}"),
             Kind::Slope => format!("went little by little from {from} to {to}{percent}"),
@@ -129,7 +133,7 @@ impl Finding {
             Some(Found::Reason(reason)) => format!(". What it comes from cannot be said: {reason}"),
         };
         format!(
-            "{change} in {} (p = {:.2e}); {cause}{explained}",
+            "{change} in {} (p = {:.2e}); {cause}{report}{explained}",
             self.since, level.p
         )
     }

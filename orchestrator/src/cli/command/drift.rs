@@ -126,13 +126,17 @@ pub fn execute(arguments: &DriftArguments) -> Result<Exit, CommandError> {
     };
     found
         .explain(|scenario, runs, asked| explained(&paths, scenario, runs, Effort::default().divided(asked)));
+    found.find_reports(|run| {
+        let report = paths.get(run)?.join("report/report.html");
+        report.is_file().then_some(report)
+    });
     let contrasts = arguments
         .between_scenarios
         .then(|| NightContrasts::of(&nights, settings.alpha, settings.seed));
     if let Some(path) = &arguments.html {
         fs::write(path, found.page(&nights)).map_err(|error| unwritable(path, &error))?;
     }
-    tell(arguments, &found, contrasts.as_ref())?;
+    tell(arguments, &nights, &found, contrasts.as_ref())?;
     Ok(match found.verdict() {
         Verdict::NoDrift { .. } => Exit::Done,
         Verdict::Drift => Exit::Drift,
@@ -369,6 +373,7 @@ fn wrong(path: &Path, error: &dyn std::error::Error, hint: &str) -> CommandError
 
 fn tell(
     arguments: &DriftArguments,
+    nights: &[Night],
     found: &Drift,
     contrasts: Option<&NightContrasts>,
 ) -> Result<(), CommandError> {
@@ -386,6 +391,7 @@ fn tell(
     } else if arguments.output.json {
         let mut document = found.json();
         document.between_scenarios = contrasts.map(NightContrasts::json);
+        document.series = Some(drift::series_for_programs(nights));
         terminal::json(&document);
     } else {
         let contrasts = contrasts.map(NightContrasts::text).unwrap_or_default();

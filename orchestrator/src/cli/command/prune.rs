@@ -52,8 +52,10 @@ pub struct PruneDocument {
 struct PrunedRecord {
     /// Its run directory.
     directory: PathBuf,
-    #[serde(flatten)]
-    fate: Fate,
+    /// `pruned`, `would be pruned` (with `--dry-run`), `nothing to prune`, `kept` or `not pruned` (or only in part).
+    fate: &'static str,
+    /// Why it is kept or not pruned; null otherwise.
+    reason: Option<String>,
     /// Files that were removed, or would be.
     files: usize,
     /// Their bytes.
@@ -61,20 +63,37 @@ struct PrunedRecord {
 }
 
 /// What became of a run.
-#[derive(Debug, Serialize, JsonSchema)]
-#[serde(tag = "fate", content = "reason", rename_all = "kebab-case")]
 enum Fate {
-    /// What was measured is removed.
     Pruned,
-    /// It would be, without `--dry-run`.
     WouldBePruned,
-    /// Nothing was there to remove.
     NothingLeft,
     /// It stays as it is, and why.
     Kept(String),
     /// It could not be removed, or only in part, and why.
     NotPruned(String),
 }
+
+impl Fate {
+    const fn name(&self) -> &'static str {
+        match self {
+            Self::Pruned => "pruned",
+            Self::WouldBePruned => WOULD_BE,
+            Self::NothingLeft => "nothing to prune",
+            Self::Kept(_) => "kept",
+            Self::NotPruned(_) => NOT_PRUNED,
+        }
+    }
+
+    fn reason(self) -> Option<String> {
+        match self {
+            Self::Kept(reason) | Self::NotPruned(reason) => Some(reason),
+            Self::Pruned | Self::WouldBePruned | Self::NothingLeft => None,
+        }
+    }
+}
+
+const WOULD_BE: &str = "would be pruned";
+const NOT_PRUNED: &str = "not pruned";
 
 /// Removes it.
 ///
@@ -101,7 +120,8 @@ pub fn execute(arguments: &PruneArguments) -> Result<Exit, CommandError> {
         };
         PrunedRecord {
             directory,
-            fate,
+            fate: fate.name(),
+            reason: fate.reason(),
             files,
             bytes,
         }
@@ -114,8 +134,7 @@ pub fn execute(arguments: &PruneArguments) -> Result<Exit, CommandError> {
         true => terminal::json(&document),
         false => terminal::result(&document.as_text()),
     }
-    let has_failed = |run: &PrunedRecord| matches!(run.fate, Fate::NotPruned(_));
-    Ok(match document.runs.iter().any(has_failed) {
+    Ok(match document.runs.iter().any(|run| run.fate == NOT_PRUNED) {
         true => Exit::Infrastructure,
         false => Exit::Done,
     })
@@ -163,25 +182,18 @@ impl PruneDocument {
     fn as_text(&self) -> String {
         let mut text = String::new();
         for run in &self.runs {
-            let files = format!("{} files, {}", run.files, in_words(run.bytes));
-            let fate = match &run.fate {
-                Fate::Pruned => format!("pruned: {files}"),
-                Fate::WouldBePruned => format!("would be pruned: {files}"),
-                Fate::NothingLeft => "nothing to prune".to_owned(),
-                Fate::Kept(reason) => format!("kept: {reason}"),
-                Fate::NotPruned(reason) => format!("NOT PRUNED: {reason}"),
+            let what = match &run.reason {
+                Some(reason) => format!(": {reason}"),
+                None if run.files > 0 => format!(": {} files, {}", run.files, in_words(run.bytes)),
+                None => String::new(),
             };
-            text += &format!("{}  {fate}\n", run.directory.display());
+            text += &format!("{}  {}{what}\n", run.directory.display(), run.fate);
         }
         for reason in &self.unreadable {
             text += &format!("{reason}\n");
         }
         let bytes = self.runs.iter().map(|run| run.bytes).sum();
-        let word = match self
-            .runs
-            .iter()
-            .any(|run| matches!(run.fate, Fate::WouldBePruned))
-        {
+        let word = match self.runs.iter().any(|run| run.fate == WOULD_BE) {
             true => "would be",
             false => "were",
         };

@@ -54,6 +54,8 @@ struct RunRecord {
     windows: u32,
     /// Those of them that are measured, collected or not.
     windows_complete: usize,
+    /// Whether `matrix prune` removed what was measured.
+    pruned: bool,
     /// The matrix file.
     matrix_file: Option<String>,
 }
@@ -72,6 +74,7 @@ impl RunRecord {
                     scenarios: 0,
                     windows: 0,
                     windows_complete: 0,
+                    pruned: false,
                     matrix_file: None,
                 };
             }
@@ -91,6 +94,7 @@ impl RunRecord {
             scenarios: running.count(),
             windows: standing.windows(),
             windows_complete: standing.windows_complete(),
+            pruned: directory.pruned().exists(),
             created: Some(recorded.manifest.created),
             matrix_file: Some(recorded.manifest.matrix_file),
         }
@@ -106,7 +110,10 @@ impl RunRecord {
             self.state.to_owned(),
             match &self.reason {
                 Some(reason) => reason.clone(),
-                None => format!("{} of {} windows", self.windows_complete, self.windows),
+                None => {
+                    let pruned = if self.pruned { ", pruned" } else { "" };
+                    format!("{} of {} windows{pruned}", self.windows_complete, self.windows)
+                }
             },
             match &self.matrix_file {
                 Some(file) => {

@@ -1,11 +1,15 @@
 //! For programs, and for the body of a webhook. The main type is [`DriftDocument`].
 
+use std::path::Path;
+
 use serde::Serialize;
 use serde_json::{Value, json};
 
 use crate::{
     drift::{
-        Acknowledgement, Cause, Change, Drift, Finding, Judgement, Verdict, contrasts::NightContrastsEntry,
+        Acknowledgement, Cause, Change, Drift, Finding, Judgement, Night, Verdict,
+        contrasts::NightContrastsEntry,
+        series::{Point, every_series},
     },
     explain::Found,
 };
@@ -28,6 +32,61 @@ pub struct DriftDocument<'a> {
     /// The scenarios compared with each other, the night as a block; only with `--between-scenarios`.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub between_scenarios: Option<NightContrastsEntry<'a>>,
+    /// Each scenario and metric along the nights, as `--html` draws it; not in a webhook's body.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub series: Option<Vec<SeriesEntry>>,
+}
+
+/// A scenario and metric along the nights.
+#[derive(Serialize)]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
+pub struct SeriesEntry {
+    /// The scenario's slug.
+    scenario: String,
+    /// The metric, as in `judgements`.
+    metric: String,
+    /// The SI unit of its values.
+    unit: String,
+    /// The nights that have a number, the earliest first.
+    nights: Vec<NightEntry>,
+}
+
+/// A night's number.
+#[derive(Serialize)]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
+struct NightEntry {
+    /// The run's name.
+    run: String,
+    /// The median of its windows, or of its environments.
+    level: f64,
+    /// The lowest of them.
+    lowest: f64,
+    /// The highest of them.
+    highest: f64,
+}
+
+/// Every scenario and metric along these nights.
+#[must_use]
+pub fn series(nights: &[Night]) -> Vec<SeriesEntry> {
+    let of_each = every_series(nights).into_iter().map(|series| {
+        let night = |point: &Point<'_>| {
+            let values = point.measured.values.get(&series.metric);
+            let values = || values.into_iter().flatten().copied();
+            NightEntry {
+                run: point.run.to_owned(),
+                level: point.level,
+                lowest: values().fold(point.level, f64::min),
+                highest: values().fold(point.level, f64::max),
+            }
+        };
+        SeriesEntry {
+            nights: series.points.iter().map(night).collect(),
+            unit: series.metric.unit().to_owned(),
+            metric: series.metric.name().to_owned(),
+            scenario: series.scenario,
+        }
+    });
+    of_each.filter(|series| !series.nights.is_empty()).collect()
 }
 
 /// The judgement of one scenario and metric.
@@ -85,6 +144,10 @@ struct FindingEntry<'a> {
     /// The run with which the change was withdrawn, since the nights after `since` are nearer to the level before; null if it was
     /// not.
     withdrawn: Option<&'a str>,
+    /// Where the report of the run `since` is; null where it is not known.
+    report: Option<&'a Path>,
+    /// What to write into `drift.yaml` to acknowledge the change, but for who says so and why; null unless it is to be told of.
+    acknowledgement: Option<String>,
 }
 
 /// Which windows have other bytes than before.
@@ -131,9 +194,10 @@ impl Drift {
             verdict: self.verdict().name(),
             headline: self.headline(),
             nights: &self.nights,
-            judgements: self.judgements.iter().map(judgement).collect(),
+            judgements: self.judgements.iter().map(|it| judgement(self, it)).collect(),
             remarks: &self.remarks,
             between_scenarios: None,
+            series: None,
         }
     }
 
@@ -162,7 +226,7 @@ fn plain(text: &str) -> String {
         .replace('>', "&gt;")
 }
 
-fn judgement(judgement: &Judgement) -> JudgementEntry<'_> {
+fn judgement<'a>(drift: &Drift, judgement: &'a Judgement) -> JudgementEntry<'a> {
     let detectable = match judgement.verdict {
         Verdict::NoDrift { detectable } => detectable,
         Verdict::Drift | Verdict::Invalid { .. } | Verdict::TooLittle { .. } => None,
@@ -175,11 +239,15 @@ fn judgement(judgement: &Judgement) -> JudgementEntry<'_> {
         reason: judgement.verdict.reason(),
         detectable,
         nights: judgement.nights,
-        findings: judgement.findings.iter().map(finding).collect(),
+        findings: judgement
+            .findings
+            .iter()
+            .map(|it| finding(drift, judgement, it))
+            .collect(),
     }
 }
 
-fn finding(finding: &Finding) -> FindingEntry<'_> {
+fn finding<'a>(drift: &Drift, judgement: &Judgement, finding: &'a Finding) -> FindingEntry<'a> {
     let fields: Vec<ChangedField<'_>> = match &finding.cause {
         Cause::Configuration(fields) => fields
             .iter()
@@ -226,5 +294,9 @@ fn finding(finding: &Finding) -> FindingEntry<'_> {
         acknowledged: finding.acknowledged.as_ref(),
         immaterial: finding.immaterial,
         withdrawn: finding.withdrawn.as_deref(),
+        report: finding.report.as_deref(),
+        acknowledgement: finding
+            .is_news()
+            .then(|| drift.acknowledgement(judgement, finding)),
     }
 }
