@@ -3,6 +3,7 @@
 pub mod agreement;
 pub mod calibration;
 pub mod calls;
+pub mod changed_settings;
 pub mod combination;
 pub mod comparison;
 pub mod conclusion;

@@ -194,6 +194,7 @@ impl Redaction {
             (name, _) if LEFT_OUT.contains(&name) => Value::Null,
             ("matrix_file", Value::String(_)) => "matrix.yaml".into(),
             ("matrix_text", Value::String(_)) => "".into(),
+            ("invocation", Value::Array(_)) => Value::Array(Vec::new()),
             // A process, its machine and the folder of its run, which is somebody else's.
             ("holder", Value::String(_)) => "another run".into(),
             (_, Value::String(text)) => self.text(&text).into(),
@@ -464,6 +465,9 @@ impl Run {
         self.manifest.redacted = true;
         for part in &mut self.parts {
             part.run = redaction.text(&part.run);
+            part.asked.invocation.clear();
+            part.asked.matrix_text.clear();
+            "matrix.yaml".clone_into(&mut part.asked.matrix_file);
         }
         for scenario in &mut self.scenarios {
             scenario.redact(redaction)?;

@@ -11,6 +11,7 @@ use statistics::effect::level;
 use crate::{
     analysis::{
         agreement::Agreement,
+        changed_settings::ChangedSetting,
         comparison::{Comparisons, FrameError, Tally, compare},
         conclusion::{Conclusion, conclusions},
         contrast::{Contrasts, Verdict},
@@ -76,6 +77,8 @@ pub struct Report {
     pub replays: Vec<ScenarioReplay>,
     /// The `report:` section of the matrix file that was run; [`Self::settings`] may be others.
     pub declared: ReportSettings,
+    /// What of the scenarios' settings is not as it is by default.
+    pub changed_settings: Vec<ChangedSetting>,
     /// What reading the run directories found, a sentence each.
     pub reading: Vec<String>,
     /// What could not be computed, a sentence each: faults of `matrix`.
@@ -149,6 +152,7 @@ fn of_a_metric(run: &Run, quantity: Quantity, traffic: Traffic, settings: &Repor
         comparisons,
         quantity,
         declared: run.manifest.report.clone(),
+        changed_settings: ChangedSetting::all(run.scenarios.iter().map(|scenario| &scenario.planned)),
         reading: run.remarks.clone(),
         faults,
     }

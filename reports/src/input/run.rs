@@ -55,12 +55,31 @@ pub struct RunPart {
     pub matrix_version: String,
     /// The revision of its sources, where it is known.
     pub matrix_revision: Option<Revision>,
+    /// What was asked.
+    pub asked: Asked,
     /// Letters of the scenarios of which it has windows that count.
     pub scenarios: Vec<String>,
     /// Lines of its journal that a crash cut, from 1.
     pub cut_lines: Vec<usize>,
     /// Whether its journal has checksums of itself and of the other files: not in runs of earlier versions.
     pub is_checked: bool,
+}
+
+/// What was asked of a run, as its manifest has it.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct Asked {
+    /// The words of the command; none in runs of earlier versions and in redacted copies.
+    pub invocation: Vec<String>,
+    /// Where the matrix file was.
+    pub matrix_file: String,
+    /// The matrix file; empty in redacted copies.
+    pub matrix_text: String,
+    /// The profile that was chosen.
+    pub profile: Option<String>,
+    /// How the scenarios were put in order.
+    pub order: String,
+    /// Seed of that order.
+    pub seed: u64,
 }
 
 impl RunPart {
@@ -79,6 +98,14 @@ impl RunPart {
             created: manifest.created.clone(),
             matrix_version: manifest.matrix_version.clone(),
             matrix_revision: manifest.matrix_revision.clone(),
+            asked: Asked {
+                invocation: manifest.invocation.clone(),
+                matrix_file: manifest.matrix_file.clone(),
+                matrix_text: manifest.matrix_text.clone(),
+                profile: manifest.profile.clone(),
+                order: manifest.order.clone(),
+                seed: manifest.seed,
+            },
             scenarios: measured.map(|scenario| scenario.planned.id.clone()).collect(),
             cut_lines: journal.cut_lines.clone(),
             is_checked: journal.is_checked(),

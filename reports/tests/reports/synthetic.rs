@@ -183,6 +183,7 @@ fn manifest() -> Manifest {
         matrix_version: "0.1.0".to_owned(),
         matrix_revision: None,
         workload_sha256: String::new(),
+        invocation: ["matrix", "run", "matrix.yaml"].map(str::to_owned).to_vec(),
         matrix_file: "matrix.yaml".to_owned(),
         matrix_text: "matrix: {}\n".to_owned(),
         matrix_sha256: sha256("matrix: {}\n"),

@@ -136,6 +136,9 @@ fn manifest(arguments: &RunArguments, planned: &Prepared) -> Result<Manifest, Co
         matrix_version: env!("CARGO_PKG_VERSION").to_owned(),
         matrix_revision: revision(),
         workload_sha256: workload_binary::sha256().to_owned(),
+        invocation: std::env::args_os()
+            .map(|word| word.to_string_lossy().into_owned())
+            .collect(),
         matrix_file: path.display().to_string(),
         matrix_text: text.to_owned(),
         matrix_sha256: format!("{:x}", Sha256::digest(text.as_bytes())),

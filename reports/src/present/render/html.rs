@@ -2,12 +2,14 @@
 //! phone and on paper. The main function is [`render`].
 //!
 //! ```text
-//! verdict -> remarks -> shifts -> matrix -> heatmap -> tables -> pairs -> windows -> trajectories -> experiment -> packets -> environments -> methods
+//! verdict -> remarks -> shifts -> matrix -> heatmap -> tables -> pairs -> windows -> trajectories -> experiment -> packets -> environments -> asked -> methods
 //! ```
 //!
 //! Colours are named in `style.css`, so that drawings follow light and dark; nothing is said by colour alone. What a browser
 //! shows when the mouse rests on something stands in a table as well.
 
+mod asked;
+mod environments;
 mod heatmap;
 mod matrix;
 mod packets;
@@ -15,10 +17,6 @@ mod plot;
 mod windows;
 
 use maud::{DOCTYPE, Markup, PreEscaped, html};
-use record::{
-    field,
-    run_directory::{EnvironmentRecord, RecordedPlatform},
-};
 
 use crate::{
     analysis::report::Report,
@@ -48,9 +46,7 @@ pub(super) fn render(presented: &Presentation<'_>, figures: &[Figure]) -> String
                     div #verdict { @for (at, finding) in report.findings().iter().enumerate() {
                         @if at == 0 { p { strong { (prose(finding)) } } } @else { p { (prose(finding)) } }
                     } }
-                    @if !presented.remarks.is_empty() {
-                        ul #remarks { @for remark in &presented.remarks { li { (prose(remark)) } } }
-                    }
+                    (remarks(&presented.remarks))
                     ul #origins { @for origin in report.origins() { li { (origin) } } }
                     @if !report.others.is_empty() {
                         p #metrics {
@@ -70,14 +66,16 @@ pub(super) fn render(presented: &Presentation<'_>, figures: &[Figure]) -> String
                     (section("heatmap", "Every comparison", &heatmap::draw(report)))
                     section #tables {
                         h2 { "Tables" }
-                        @for table in &presented.tables { (drawn(table)) }
+                        ol #list-of-tables { @for table in &presented.tables { li { a href={ "#" (table_id(table)) } { (table.title) } } } }
+                        @for (number, table) in (1..).zip(&presented.tables) { (drawn(number, table)) }
                     }
                     (section("pairs", "Pairs", &pairs(figures)))
                     (section("windows", "Windows", &windows::draw(report)))
                     (section("trajectories", "Trajectories", &drawings(figures, &[Kind::Trajectory], "No window has a whole period.")))
                     (section("experiment", "The experiment", &drawings(figures, EXPERIMENT, "Nothing was measured.")))
                     (section("packets", "Packets", &packets::draw(report)))
-                    (section("environments", "Environments", &environments(report)))
+                    (section("environments", "Environments", &environments::draw(report)))
+                    (section("asked", "What was asked", &asked::draw(report)))
                     (section("methods", "Methods", &methods(report)))
                 }
                 script { (PreEscaped(SORT)) }
@@ -100,7 +98,7 @@ pub(crate) fn head(title: &str) -> Markup {
     }
 }
 
-const SECTIONS: [(&str, &str); 11] = [
+const SECTIONS: [(&str, &str); 12] = [
     ("shifts", "Effects"),
     ("matrix", "Matrix"),
     ("heatmap", "Comparisons"),
@@ -111,6 +109,7 @@ const SECTIONS: [(&str, &str); 11] = [
     ("experiment", "Experiment"),
     ("packets", "Packets"),
     ("environments", "Environments"),
+    ("asked", "What was asked"),
     ("methods", "Methods"),
 ];
 
@@ -126,12 +125,36 @@ fn section(id: &str, title: &str, content: &Markup) -> Markup {
     html! { section id=(id) { h2 { (title) } (content) } }
 }
 
-/// A table with its notes. Its columns can be sorted where there is JavaScript.
-fn drawn(table: &Table) -> Markup {
-    // With a prefix, because sections of the page have ids such as `packets`.
-    let id = format!("table-{}", table.id);
+/// Remarks that are read at once; more of them are folded.
+const OPEN_REMARKS: usize = 3;
+
+fn remarks(remarks: &[String]) -> Markup {
+    let (open, folded) = remarks.split_at(remarks.len().min(OPEN_REMARKS));
     html! {
-        h3 id=(id) { (table.title) }
+        @if !open.is_empty() {
+            div #remarks {
+                ul { @for remark in open { li { (prose(remark)) } } }
+                @if !folded.is_empty() {
+                    details {
+                        summary { (folded.len()) " more " @if folded.len() == 1 { "remark" } @else { "remarks" } }
+                        ul { @for remark in folded { li { (prose(remark)) } } }
+                    }
+                }
+            }
+        }
+    }
+}
+
+/// With a prefix, because sections of the page have ids such as `packets`.
+fn table_id(table: &Table) -> String {
+    format!("table-{}", table.id)
+}
+
+/// A table with its notes. Its columns can be sorted where there is JavaScript.
+fn drawn(number: usize, table: &Table) -> Markup {
+    let id = table_id(table);
+    html! {
+        h3 id=(id) { "Table " (number) ". " (table.title) }
         @if !table.rows.is_empty() {
             // A keyboard moves what is wider than the screen.
             div .wide tabindex="0" role="region" aria-labelledby=(id) {
@@ -195,60 +218,6 @@ fn drawings(figures: &[Figure], kinds: &[Kind], none: &str) -> Markup {
     }
 }
 
-fn environments(report: &Report) -> Markup {
-    let scenarios = report.scenarios.iter();
-    let described: Vec<_> = scenarios
-        .filter_map(|scenario| Some((scenario, scenario.environment.as_ref()?)))
-        .collect();
-    html! {
-        p { "What was different between the environments of a rejected pair stands among the tables." }
-        @if described.is_empty() { p { "No scenario came so far as to have an environment." } }
-        @for (scenario, environment) in described {
-            @for remark in environment.remarks() {
-                p { strong { (scenario.id) } " " (scenario.slug) ": " (prose(&remark)) }
-            }
-            details {
-                summary { (scenario.id) " " (scenario.slug) }
-                dl { @for (name, value) in facts(environment) { dt { (name) } dd { (value) } } }
-            }
-        }
-    }
-}
-
-/// What an environment was, field by field, by its dotted path.
-fn facts(environment: &EnvironmentRecord) -> Vec<(String, String)> {
-    const PLATFORM: &str = field!(EnvironmentRecord, platform);
-    let mut facts = vec![
-        (
-            field!(EnvironmentRecord, provider).to_owned(),
-            environment.provider.clone(),
-        ),
-        (
-            field!(EnvironmentRecord, host).to_owned(),
-            environment.host.clone(),
-        ),
-    ];
-    for (name, value) in &environment.facts {
-        flatten(name, value, &mut facts);
-    }
-    for (name, value) in environment.platform.iter().flat_map(RecordedPlatform::fields) {
-        flatten(&format!("{PLATFORM}.{name}"), value, &mut facts);
-    }
-    facts
-}
-
-fn flatten(path: &str, value: &serde_json::Value, facts: &mut Vec<(String, String)>) {
-    match value {
-        serde_json::Value::Null => {}
-        serde_json::Value::Object(fields) => {
-            for (name, field) in fields {
-                flatten(&format!("{path}.{name}"), field, facts);
-            }
-        }
-        other => facts.push((path.to_owned(), record::axis::axis_text(other))),
-    }
-}
-
 fn methods(report: &Report) -> Markup {
     html! {
         p { (prose(&report.method())) }
@@ -269,21 +238,5 @@ mod tests {
     fn names_of_files_and_settings_are_set_as_code() {
         let prose = prose("see `a.csv` and `report.alpha`").into_string();
         assert_eq!(prose, "see <code>a.csv</code> and <code>report.alpha</code>");
-    }
-
-    #[test]
-    fn facts_are_named_by_their_paths_and_nothing_stands_for_what_is_not_known() {
-        let mut facts = Vec::new();
-        let platform =
-            serde_json::json!({"cpu": {"model": "x", "governor": null}, "load": 0.5, "list": [1, 2]});
-        flatten("platform", &platform, &mut facts);
-        let facts: Vec<_> = facts
-            .iter()
-            .map(|(name, value)| format!("{name}={value}"))
-            .collect();
-        assert_eq!(
-            facts,
-            ["platform.cpu.model=x", "platform.load=0.5", "platform.list=[1,2]"]
-        );
     }
 }

@@ -24,6 +24,9 @@ pub struct Manifest {
     pub matrix_revision: Option<Revision>,
     /// SHA-256 of the workload binary that was deployed, in hexadecimal.
     pub workload_sha256: String,
+    /// The words of the command that asked for it; none in runs of earlier versions and in redacted copies.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub invocation: Vec<String>,
     /// Where the matrix file was.
     pub matrix_file: String,
     /// The matrix file as given.

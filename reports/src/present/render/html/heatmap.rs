@@ -55,7 +55,7 @@ pub(super) fn draw(report: &Report) -> Markup {
                         g {
                             title { (field.words) }
                             rect .cell x=(at(field.column)) y=(at(field.row)) width=(SIDE) height=(SIDE)
-                                fill-opacity=(format!("{:.2}", 0.06 + 0.94 * field.depth)) {}
+                                fill-opacity=(opacity(field.depth)) {}
                             @if field.rejected {
                                 circle .dot cx=(at(field.column) + SIDE / 2.0) cy=(at(field.row) + SIDE / 2.0) r="3.5" {}
                             }
@@ -63,6 +63,7 @@ pub(super) fn draw(report: &Report) -> Markup {
                     }
                 }
             }
+            (scale(if by_window { "D" } else { "share rejected" }))
             figcaption {
                 @if by_window {
                     "A field for each two windows, such as a1 and b2: the stronger its colour, the larger the distance D (0 to 1); a dot: \
@@ -89,6 +90,28 @@ pub(super) fn draw(report: &Report) -> Markup {
             }
         }
     }
+}
+
+/// Fields of the scale, from 0 to 1.
+const STEPS: u32 = 4;
+
+/// What the colours mean.
+fn scale(name: &str) -> Markup {
+    let at = |step: u32| 4.0 + f64::from(step) * 3.0 * SIDE;
+    let share = |step: u32| f64::from(step) / f64::from(STEPS);
+    html! {
+        svg .plot viewBox="0 0 420 44" width="420" role="img" aria-label=(format!("Scale: {name} from 0 to 1")) xmlns="http://www.w3.org/2000/svg" {
+            @for step in 0..=STEPS {
+                rect .cell x=(at(step)) y="2" width=(3.0 * SIDE) height=(SIDE) fill-opacity=(opacity(share(step))) {}
+                text x=(at(step) + 1.5 * SIDE) y="38" text-anchor="middle" { (share(step)) }
+            }
+            text x=(at(STEPS + 1) + 8.0) y="16" { (name) }
+        }
+    }
+}
+
+fn opacity(depth: f64) -> String {
+    format!("{:.2}", 0.06 + 0.94 * depth)
 }
 
 fn windows(report: &Report) -> (Vec<String>, Vec<Field>) {
