@@ -154,7 +154,7 @@ fn table_id(table: &Table) -> String {
 fn drawn(number: usize, table: &Table) -> Markup {
     let id = table_id(table);
     html! {
-        h3 id=(id) { "Table " (number) ". " (table.title) }
+        h3 id=(id) { (number) ". " (table.title) }
         @if !table.rows.is_empty() {
             // A keyboard moves what is wider than the screen.
             div .wide tabindex="0" role="region" aria-labelledby=(id) {

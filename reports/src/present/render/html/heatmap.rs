@@ -41,10 +41,15 @@ pub(super) fn draw(report: &Report) -> Markup {
     let is_number = |heading: &str| !["between", "verdict"].contains(&heading);
     let side = MARGIN + names.len() as f64 * SIDE + 2.0;
     let at = |index: usize| MARGIN + index as f64 * SIDE;
+    let (name, scale_ends) = match by_window {
+        true => ("D", MARGIN + 12.0 * SIDE),
+        false => ("share rejected", MARGIN + 18.0 * SIDE),
+    };
+    let (width, height) = (side.max(scale_ends), side + 3.0 * SIDE);
     html! {
         figure {
             div .wide tabindex="0" role="region" aria-label="Every comparison" {
-                svg .plot viewBox=(format!("0 0 {side} {side}")) width=(side * 1.3) role="img"
+                svg .plot viewBox=(format!("0 0 {width} {height}")) width=(width * 1.3) role="img"
                     aria-label="A field for every comparison; the numbers are in the list below" xmlns="http://www.w3.org/2000/svg" {
                     @for (index, name) in names.iter().enumerate() {
                         text x=(MARGIN - 4.0) y=(at(index) + 13.0) text-anchor="end" { (name) }
@@ -61,9 +66,9 @@ pub(super) fn draw(report: &Report) -> Markup {
                             }
                         }
                     }
+                    (scale(name, side + SIDE / 2.0))
                 }
             }
-            (scale(if by_window { "D" } else { "share rejected" }))
             figcaption {
                 @if by_window {
                     "A field for each two windows, such as a1 and b2: the stronger its colour, the larger the distance D (0 to 1); a dot: \
@@ -95,18 +100,16 @@ pub(super) fn draw(report: &Report) -> Markup {
 /// Fields of the scale, from 0 to 1.
 const STEPS: u32 = 4;
 
-/// What the colours mean.
-fn scale(name: &str) -> Markup {
-    let at = |step: u32| 4.0 + f64::from(step) * 3.0 * SIDE;
+/// What the colours mean, below the fields.
+fn scale(name: &str, top: f64) -> Markup {
+    let at = |step: u32| MARGIN + f64::from(step) * 2.0 * SIDE;
     let share = |step: u32| f64::from(step) / f64::from(STEPS);
     html! {
-        svg .plot viewBox="0 0 420 44" width="420" role="img" aria-label=(format!("Scale: {name} from 0 to 1")) xmlns="http://www.w3.org/2000/svg" {
-            @for step in 0..=STEPS {
-                rect .cell x=(at(step)) y="2" width=(3.0 * SIDE) height=(SIDE) fill-opacity=(opacity(share(step))) {}
-                text x=(at(step) + 1.5 * SIDE) y="38" text-anchor="middle" { (share(step)) }
-            }
-            text x=(at(STEPS + 1) + 8.0) y="16" { (name) }
+        @for step in 0..=STEPS {
+            rect .cell x=(at(step)) y=(top) width=(2.0 * SIDE) height=(SIDE) fill-opacity=(opacity(share(step))) {}
+            text x=(at(step) + SIDE) y=(top + SIDE + 16.0) text-anchor="middle" { (share(step)) }
         }
+        text x=(at(STEPS + 1) + 8.0) y=(top + 14.0) { (name) }
     }
 }
 
