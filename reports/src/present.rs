@@ -42,7 +42,7 @@ impl Report {
         Presentation {
             report: self,
             remarks,
-            tables,
+            tables: tables.into_iter().map(Table::shortened).collect(),
         }
     }
 }

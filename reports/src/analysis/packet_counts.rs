@@ -11,6 +11,7 @@ use record::report_settings::ReportSettings;
 
 use crate::analysis::{
     comparison::{FrameError, Tally, WindowValues, tallies},
+    pairs::Pairs,
     sample::Sample,
 };
 
@@ -22,7 +23,7 @@ pub struct TrafficTally {
     /// Which quantity.
     pub quantity: Quantity,
     /// As those of the tracking error: of each scenario with itself and with each other.
-    pub tallies: Vec<Tally>,
+    pub tallies: Pairs<Tally>,
 }
 
 /// Those of all quantities in both directions, of the periods that the tracking error is taken of.
@@ -50,7 +51,7 @@ pub fn compared(
             compared.push(TrafficTally {
                 topic,
                 quantity,
-                tallies: tallies(&windows, settings)?,
+                tallies: Pairs::new(tallies(&windows, settings)?),
             });
         }
     }

@@ -62,7 +62,21 @@ pub struct Column {
     pub is_number: bool,
 }
 
+/// More rows nobody reads, and a browser takes seconds for them. A sweep of a hundred scenarios has 5000 pairs.
+const MOST_ROWS: usize = 2000;
+
 impl Table {
+    /// Its first rows, and a note where there are more.
+    pub(super) fn shortened(mut self) -> Self {
+        let rows = self.rows.len();
+        if rows > MOST_ROWS {
+            self.rows.truncate(MOST_ROWS);
+            let note = format!("The first {MOST_ROWS} of {rows} rows; `report.json` has the numbers of all.");
+            self.notes.insert(0, note);
+        }
+        self
+    }
+
     /// Whether its cells count tests, so that its caption says how they were made: the paper's Tables III to V.
     pub(crate) fn has_counts(&self) -> bool {
         [within_scenarios::ID, platforms::ID].contains(&self.id.as_str())

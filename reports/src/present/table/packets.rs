@@ -143,7 +143,7 @@ fn milliseconds(seconds: Option<f64>) -> String {
 fn counts(report: &Report) -> Table {
     let mut seen = BTreeSet::new();
     let mut rows = Vec::new();
-    let pairs = report.traffic_tallies.iter().flat_map(|one| &one.tallies);
+    let pairs = report.traffic_tallies.iter().flat_map(|one| one.tallies.iter());
     let mut pairs: Vec<(&str, &str)> = pairs
         .map(|tally| (tally.a.as_str(), tally.b.as_str()))
         .filter(|pair| seen.insert(*pair))
@@ -155,10 +155,7 @@ fn counts(report: &Report) -> Table {
             let tally = |quantity: Quantity| {
                 let of = report.traffic_tallies.iter();
                 let mut of = of.filter(|one| one.topic == topic && one.quantity == quantity);
-                of.next()?
-                    .tallies
-                    .iter()
-                    .find(|tally| tally.a == a && tally.b == b)
+                of.next()?.tallies.find(a, b)
             };
             let of = Quantity::ALL.map(tally);
             let most = of.iter().flatten().map(|tally| tally.pairs).max().unwrap_or(0);
