@@ -52,8 +52,8 @@ const MADE: [Made; 3] = [
         factor: "delays",
     },
     Made {
-        words: "stalls of a busy neighbour: 600 an hour of up to 400 ms, in place of 6",
-        axis: "simulation.platform.stalls.per_hour: [6, 600]",
+        words: "stalls of a busy neighbour: 6000 an hour of up to 400 ms, in place of 6",
+        axis: "simulation.platform.stalls.per_hour: [6, 6000]",
         factor: "stalls",
     },
     Made {

@@ -125,6 +125,18 @@ fn section(id: &str, title: &str, content: &Markup) -> Markup {
     html! { section id=(id) { h2 { (title) } (content) } }
 }
 
+/// Scenarios, or drawings, that a section shows each by itself. With some hundreds a browser would take seconds for the page.
+const MOST_SHOWN: usize = 48;
+
+/// That a section shows the first of them alone, and where the others are.
+fn left_out(shown: usize, elsewhere: &str) -> Markup {
+    html! {
+        @if let Some(more @ 1..) = shown.checked_sub(MOST_SHOWN) {
+            p .note { "The first " (MOST_SHOWN) "; " (more) " more are in " code { (elsewhere) } "." }
+        }
+    }
+}
+
 /// Remarks that are read at once; more of them are folded.
 const OPEN_REMARKS: usize = 3;
 
@@ -204,8 +216,9 @@ fn drawings(figures: &[Figure], kinds: &[Kind], none: &str) -> Markup {
         .collect();
     html! {
         @if figures.is_empty() { p { (none) } }
+        (left_out(figures.len(), "figures/"))
         div .pairs {
-            @for figure in figures {
+            @for figure in figures.iter().take(MOST_SHOWN) {
                 figure {
                     div .wide tabindex="0" role="region" aria-label=(figure.stem()) {
                         // Of our own making, by a library that escapes texts.

@@ -7,7 +7,7 @@ use record::{
     run_directory::{EnvironmentRecord, RecordedPlatform},
 };
 
-use super::prose;
+use super::{MOST_SHOWN, left_out, prose};
 use crate::analysis::{report::Report, scenario::ScenarioReport};
 
 /// Scenarios that stand side by side.
@@ -29,7 +29,8 @@ pub(super) fn draw(report: &Report) -> Markup {
         @if (2..=MOST_COLUMNS).contains(&described.len()) {
             (side_by_side(&described))
         } @else {
-            @for (scenario, environment) in &described {
+            (left_out(described.len(), "report.json"))
+            @for (scenario, environment) in described.iter().take(MOST_SHOWN) {
                 details {
                     summary { (scenario.id) " " (scenario.slug) }
                     (list(&facts(environment)))

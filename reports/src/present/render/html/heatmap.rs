@@ -1,5 +1,8 @@
 //! Every comparison of two windows as a field: the stronger its colour, the larger the distance; a dot where it was rejected. With many
-//! windows the scenarios take their place: the share of their window pairs that was rejected.
+//! windows the scenarios take their place: the share of their window pairs that was rejected. With many scenarios, fields that are alike
+//! and beside each other are one shape, and no list is made: a hundred thousand fields of their own take a browser many seconds.
+
+use std::collections::BTreeMap;
 
 use maud::{Markup, html};
 
@@ -7,6 +10,8 @@ use crate::analysis::report::Report;
 
 /// Windows up to which each has a row of its own.
 const MOST_WINDOWS: usize = 48;
+/// Fields up to which each is a shape of its own.
+const MOST_FIELDS: usize = 5000;
 /// Of a field, in the drawing's units.
 const SIDE: f64 = 18.0;
 const MARGIN: f64 = 40.0;
@@ -56,7 +61,9 @@ pub(super) fn draw(report: &Report) -> Markup {
                         text x=(at(index) + SIDE / 2.0) y=(MARGIN - 6.0) text-anchor="start"
                             transform=(format!("rotate(-60 {} {})", at(index) + SIDE / 2.0, MARGIN - 6.0)) { (name) }
                     }
-                    @for field in &fields {
+                    @if fields.len() > MOST_FIELDS {
+                        @for (step, shape) in shapes(&fields) { path .cell d=(shape) fill-opacity=(opacity(f64::from(step) / f64::from(LEVELS))) stroke-width="0" {} }
+                    } @else { @for field in &fields {
                         g {
                             title { (field.words) }
                             rect .cell x=(at(field.column)) y=(at(field.row)) width=(SIDE) height=(SIDE)
@@ -65,7 +72,7 @@ pub(super) fn draw(report: &Report) -> Markup {
                                 circle .dot cx=(at(field.column) + SIDE / 2.0) cy=(at(field.row) + SIDE / 2.0) r="3.5" {}
                             }
                         }
-                    }
+                    } }
                     (scale(name, side + SIDE / 2.0))
                 }
             }
@@ -73,13 +80,16 @@ pub(super) fn draw(report: &Report) -> Markup {
                 @if by_window {
                     "A field for each two windows, such as a1 and b2: the stronger its colour, the larger the distance D (0 to 1); a dot: \
                      rejected at p < " (report.settings.alpha) "."
+                } @else if fields.len() > MOST_FIELDS {
+                    "A field for each two scenarios: the stronger its colour, the larger the share of their window pairs that was rejected. "
+                    code { "between" } " of " code { "report.json" } " has the numbers."
                 } @else {
                     "A field for each two scenarios: the stronger its colour, the larger the share of their window pairs that was rejected; a \
                      dot: some were."
                 }
             }
         }
-        details {
+        @if fields.len() <= MOST_FIELDS { details {
             summary { "The same as a list" }
             div .wide tabindex="0" role="region" aria-label="Every comparison as a list" {
                 table .sortable {
@@ -93,8 +103,34 @@ pub(super) fn draw(report: &Report) -> Markup {
                     } }
                 }
             }
+        } }
+    }
+}
+
+/// Depths that are told apart where fields are drawn together.
+const LEVELS: u32 = 10;
+
+/// One shape for all fields of a depth: a rectangle for each run of them in a row.
+fn shapes(fields: &[Field]) -> BTreeMap<u32, String> {
+    let level = |field: &Field| (field.depth.clamp(0.0, 1.0) * f64::from(LEVELS)).round() as u32;
+    let mut places: Vec<(usize, usize, u32)> = fields
+        .iter()
+        .map(|field| (field.row, field.column, level(field)))
+        .collect();
+    places.sort_unstable();
+    let is_next = |(row, column, level): &(usize, usize, u32), next: &(usize, usize, u32)| {
+        (*row, column + 1, *level) == *next
+    };
+    let mut shapes: BTreeMap<u32, String> = BTreeMap::new();
+    for run in places.chunk_by(is_next) {
+        if let Some((row, column, level)) = run.first() {
+            let at = |index: usize| MARGIN + index as f64 * SIDE;
+            let width = run.len() as f64 * SIDE;
+            let shape = format!("M{} {}h{width}v{SIDE}h-{width}z", at(*column), at(*row));
+            shapes.entry(*level).or_default().push_str(&shape);
         }
     }
+    shapes
 }
 
 /// Fields of the scale, from 0 to 1.
@@ -179,4 +215,31 @@ fn scenarios(report: &Report) -> (Vec<String>, Vec<Field>) {
         })
     });
     (names.clone(), fields.collect())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn fields_that_are_alike_and_beside_each_other_are_one_rectangle() {
+        let field = |row, column, depth| Field {
+            row,
+            column,
+            depth,
+            rejected: false,
+            words: String::new(),
+            cells: Vec::new(),
+        };
+        let fields = [
+            field(0, 0, 0.0),
+            field(1, 1, 0.02),
+            field(1, 0, 0.0),
+            field(1, 2, 1.0),
+        ];
+        let shapes = shapes(&fields);
+        assert_eq!(shapes[&0], "M40 40h18v18h-18zM40 58h36v18h-36z");
+        assert_eq!(shapes[&10], "M76 58h18v18h-18z");
+        assert_eq!(shapes.len(), 2);
+    }
 }

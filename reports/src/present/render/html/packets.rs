@@ -6,7 +6,10 @@ use captures::{
 };
 use maud::{Markup, html};
 
-use super::plot::{Axis, Plot};
+use super::{
+    MOST_SHOWN, left_out,
+    plot::{Axis, Plot},
+};
 use crate::analysis::{report::Report, scenario::ScenarioReport};
 
 /// Delays beyond this share are not drawn: a single packet that was minutes late would leave the rest no room.
@@ -32,7 +35,8 @@ pub(super) fn draw(report: &Report) -> Markup {
                 "From the sender's capture to the receiver's, states " span .first-name { "—" } " and commands "
                 span .second-name { "- -" } ". All drawings have the same scales; the tables have the numbers."
             }
-            @for (scenario, found) in &found { (one(scenario, found, delays, means)) }
+            (left_out(found.len(), "packets.csv"))
+            @for (scenario, found) in found.iter().take(MOST_SHOWN) { (one(scenario, found, delays, means)) }
         } @else {
             p { "No scenario has captures of windows that count." }
         }
