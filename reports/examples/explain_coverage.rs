@@ -52,8 +52,8 @@ const MADE: [Made; 3] = [
         factor: "delays",
     },
     Made {
-        words: "stalls of a busy neighbour: 6000 an hour of up to 400 ms, in place of 6",
-        axis: "simulation.platform.stalls.per_hour: [6, 6000]",
+        words: "stalls of a busy neighbour: 3600 an hour of up to 400 ms, in place of 6",
+        axis: "simulation.platform.stalls.per_hour: [6, 3600]",
         factor: "stalls",
     },
     Made {

@@ -12,6 +12,7 @@ pub(crate) mod declaration;
 pub(crate) mod fields;
 pub mod health;
 pub mod measured_experiment;
+pub mod other_ways;
 pub mod packet_counts;
 pub mod packet_explanations;
 pub mod pairs;

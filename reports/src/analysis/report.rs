@@ -15,6 +15,7 @@ use crate::{
         comparison::{Comparisons, FrameError, Tally, compare},
         conclusion::{Conclusion, conclusions},
         contrast::{Contrasts, Verdict},
+        other_ways::Way,
         packet_counts::{self, TrafficTally},
         packet_explanations::{self, Explanation},
         pairs::Pairs,
@@ -75,6 +76,8 @@ pub struct Report {
     pub causes: Vec<ExplainedPair>,
     /// The windows put through the loop again, if they were: [`replay`](crate::replay::replay) reads all logs.
     pub replays: Vec<ScenarioReplay>,
+    /// The run decided in other ways, if it was: each takes as long as the report itself.
+    pub other_ways: Vec<Way>,
     /// The `report:` section of the matrix file that was run; [`Self::settings`] may be others.
     pub declared: ReportSettings,
     /// What of the scenarios' settings is not as it is by default.
@@ -141,6 +144,7 @@ fn of_a_metric(run: &Run, quantity: Quantity, traffic: Traffic, settings: &Repor
         explanations: packet_explanations::explanations(&contrasts.pairs, &samples, &traffic, settings),
         causes: Vec::new(),
         replays: Vec::new(),
+        other_ways: Vec::new(),
         traffic,
         conclusions: conclusions(&scenarios, &samples, &setup_differences, settings.seed),
         setup_differences,

@@ -9,6 +9,7 @@ mod conclusions;
 mod contrasts;
 mod differences;
 mod layers;
+mod other_ways;
 mod packets;
 mod platforms;
 mod releases;
@@ -122,6 +123,7 @@ pub(crate) fn beside(report: &Report) -> Vec<Table> {
     tables.extend(causes::of(report));
     tables.push(within::of(report));
     tables.extend(packets::of(report));
+    tables.extend(other_ways::of(report));
     tables.extend(replays::of(report));
     tables.extend(schedule::of(report));
     tables.extend(calls::of(report));

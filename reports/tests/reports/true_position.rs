@@ -4,13 +4,13 @@ use std::fs;
 
 use captures::traffic::Traffic;
 use record::{plant_log::PlantRow, report_settings::ErrorOf};
-use reports::{analyse, input::run::WindowState, load_by};
+use reports::{analyse, analysis::other_ways::other_ways, input::run::WindowState, load_by};
 
 use crate::synthetic::{Scenario, Synthetic, file_record, log};
 
 /// Each window has a plant's log by which the ball was a quarter of a metre below its reference.
-fn with_plant_logs() -> Synthetic {
-    let synthetic = Synthetic::new(&[Scenario::measured("x86-debian-native", &[0.1, 0.1])]);
+fn with_plant_logs(received_m: [f64; 2]) -> Synthetic {
+    let synthetic = Synthetic::new(&[Scenario::measured("x86-debian-native", &received_m)]);
     for window in [1, 2] {
         let control = log(u64::from(window) - 1, 0.1, 1);
         let column = |name: &str| {
@@ -48,7 +48,7 @@ fn with_plant_logs() -> Synthetic {
 
 #[test]
 fn the_error_is_of_where_the_ball_was_and_the_report_says_so() {
-    let synthetic = with_plant_logs();
+    let synthetic = with_plant_logs([0.1, 0.1]);
     let run = load_by(synthetic.directory.path(), Some(ErrorOf::TruePosition)).unwrap();
     let report = analyse(&run, Traffic::default(), &run.manifest.report);
     for sample in &report.samples {
@@ -75,7 +75,7 @@ fn the_error_is_of_where_the_ball_was_and_the_report_says_so() {
 
 #[test]
 fn the_error_is_of_what_the_controller_received_unless_another_is_asked_for() {
-    let synthetic = with_plant_logs();
+    let synthetic = with_plant_logs([0.1, 0.1]);
     let run = load_by(synthetic.directory.path(), None).unwrap();
     let report = analyse(&run, Traffic::default(), &run.manifest.report);
     assert!(
@@ -84,6 +84,38 @@ fn the_error_is_of_what_the_controller_received_unless_another_is_asked_for() {
         report.samples
     );
     assert!(!report.method().contains("true position"));
+}
+
+#[test]
+fn a_table_says_what_other_settings_would_have_found() {
+    let synthetic = with_plant_logs([0.1, 0.4]);
+    let run = load_by(synthetic.directory.path(), None).unwrap();
+    let other = load_by(synthetic.directory.path(), Some(ErrorOf::TruePosition)).unwrap();
+    let settings = &run.manifest.report;
+    let mut report = analyse(&run, Traffic::default(), settings);
+    report.other_ways = other_ways(&run, Some(&other), settings);
+    let table = report
+        .present()
+        .tables
+        .into_iter()
+        .find(|table| table.id == "sensitivity")
+        .unwrap();
+    let rows: Vec<String> = table.rows.iter().map(|row| row[..4].join(" ")).collect();
+    // The controller received two windows that are far apart, and the ball was at the same place in both.
+    assert_eq!(
+        rows,
+        [
+            "as reported  1 of 1 0 of 0",
+            "method asymptotic 1 of 1 0 of 0",
+            "method paper 1 of 1 0 of 0",
+            "metric mean-abs-x 1 of 1 0 of 0",
+            "metric mean-abs-y 1 of 1 0 of 0",
+            "metric mean-distance 1 of 1 0 of 0",
+            "metric root-mean-square 1 of 1 0 of 0",
+            "discard_periods 0 1 of 1 0 of 0",
+            "error true-position 0 of 1 0 of 0",
+        ]
+    );
 }
 
 #[test]
@@ -101,7 +133,7 @@ fn a_run_without_the_plants_log_has_no_true_position() {
 
 #[test]
 fn a_plants_log_that_was_changed_is_not_used() {
-    let synthetic = with_plant_logs();
+    let synthetic = with_plant_logs([0.1, 0.1]);
     let path = synthetic
         .directory
         .window("x86-debian-native", 2)

@@ -172,6 +172,15 @@ pub enum Metric {
 }
 
 impl Metric {
+    /// All of them.
+    pub const ALL: [Self; 5] = [
+        Self::MeanAbsSum,
+        Self::MeanAbsX,
+        Self::MeanAbsY,
+        Self::MeanDistance,
+        Self::RootMeanSquare,
+    ];
+
     /// The error of one period, in metres.
     #[must_use]
     pub fn of(self, period: &PeriodError) -> f64 {

@@ -14,7 +14,10 @@ use record::{
 };
 use reports::{
     Run,
-    analysis::combination::{Repeated, combine},
+    analysis::{
+        combination::{Repeated, combine},
+        other_ways::{other_positions, other_ways},
+    },
     explain::{Effort, Source, explain_pairs},
     redaction::Redaction,
     replay::replay,
@@ -88,6 +91,10 @@ pub struct ReportArguments {
     /// Check each window against itself, as `matrix replay` does. Takes a second or two for each 1000 s of a scenario.
     #[arg(long, conflicts_with = "redact")]
     replay: bool,
+    /// Add a table of what would be found by each other method and metric, with the first period kept or left out, and by the other
+    /// positions. Takes some ten times as long.
+    #[arg(long, conflicts_with = "redact")]
+    sensitivity: bool,
     #[command(flatten)]
     pub(crate) output: OutputArguments,
 }
@@ -167,9 +174,9 @@ impl ReportArguments {
 pub fn execute(arguments: &ReportArguments) -> Result<Exit, CommandError> {
     let only = match arguments.runs.as_slice() {
         [only] => Some(RunDirectory::new(only)),
-        _ if arguments.explain || arguments.replay => {
+        _ if arguments.explain || arguments.replay || arguments.sensitivity => {
             return Err(wrong(
-                "`--explain` and `--replay` are of one run directory".to_owned(),
+                "`--explain`, `--replay` and `--sensitivity` are of one run directory".to_owned(),
                 "leave them out, or give one run directory alone",
             ));
         }
@@ -192,6 +199,11 @@ pub fn execute(arguments: &ReportArguments) -> Result<Exit, CommandError> {
             let replayed = replay(directory)
                 .map_err(|error| CommandError::new(Exit::Wrong, &error, Some(error.hint())))?;
             report.replays = replayed.scenarios;
+        }
+        if arguments.sensitivity {
+            // A run without the plant's log has no true positions, and its table has no such row.
+            let other = reports::load_by(directory.path(), Some(other_positions(run.error))).ok();
+            report.other_ways = other_ways(&run, other.as_ref(), &settings);
         }
     }
     reports::write(&run, &report)
