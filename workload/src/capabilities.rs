@@ -2,10 +2,10 @@
 //! [`of_all_threads`].
 //!
 //! Capabilities belong to a thread, and threads and programs get those of the thread that starts them (capabilities(7)). So
-//! each thread that was started before the namespaces were there calls [`drop_unneeded`] for itself, and the one that starts all
+//! each thread that was started before the namespaces were there is started by [`spawn_after_drop`], and the one that starts all
 //! others calls it before it does. That none was forgotten is looked up in /proc, which is what `environment.json` says.
 
-use std::fs;
+use std::{fs, io, sync::mpsc::channel, thread};
 
 use record::platform::PrivilegeRecord;
 use rustix::thread::{
@@ -42,6 +42,22 @@ pub fn drop_unneeded() {
             },
         );
     }
+}
+
+/// Starts a thread that has dropped them before this returns: what is said of all threads a moment later is then said of it, too.
+///
+/// # Errors
+/// When it cannot be started.
+pub fn spawn_after_drop(name: &str, body: impl FnOnce() + Send + 'static) -> io::Result<()> {
+    let (at_work, has_dropped) = channel::<()>();
+    thread::Builder::new().name(name.to_owned()).spawn(move || {
+        drop_unneeded();
+        drop(at_work);
+        body();
+    })?;
+    // It ends when the other side is gone.
+    let _ = has_dropped.recv();
+    Ok(())
 }
 
 /// Whether it has a name: the rest of the bits comes as one.
@@ -97,14 +113,33 @@ fn names(set: CapabilitySet) -> Vec<String> {
 
 #[cfg(test)]
 mod tests {
-    use std::thread;
-
     use super::*;
 
     const ROOT: &str = "Name:\tworkload\nCapInh:\t0000000000000000\nCapPrm:\t000001ffffffffff\nCapEff:\t000001ffffffffff\n\
                         CapBnd:\t000001ffffffffff\nCapAmb:\t0000000000000000\nNoNewPrivs:\t0\nSeccomp:\t0\n";
     const CONTAINED: &str = "CapInh:\t0000000000000000\nCapPrm:\t0000000000001000\nCapEff:\t0000000000001000\n\
                              CapBnd:\t0000000000003000\nCapAmb:\t0000000000000000\nNoNewPrivs:\t1\nSeccomp:\t2\n";
+
+    // Until version 0.1 such a thread was seen with all of root's rights, if the survey came before it was at work: a change of the
+    // platform that was none.
+    #[test]
+    fn a_thread_has_dropped_its_rights_when_it_is_said_to_be_started() {
+        for round in 0..50 {
+            let name = format!("dropped-{round}");
+            let (done, is_done) = channel::<()>();
+            spawn_after_drop(&name, move || {
+                let _ = is_done.recv();
+            })
+            .unwrap();
+            let tasks = fs::read_dir("/proc/self/task").unwrap().flatten();
+            let status = tasks
+                .filter_map(|task| fs::read_to_string(task.path().join("status")).ok())
+                .find(|status| field(status, "Name") == Some(&name))
+                .expect("it is there");
+            assert_eq!(field(&status, "NoNewPrivs"), Some("1"), "{status}");
+            drop(done);
+        }
+    }
 
     #[test]
     fn what_one_thread_still_may_the_process_may() {

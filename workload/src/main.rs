@@ -11,7 +11,6 @@ use std::{
         Arc,
         atomic::{AtomicBool, Ordering},
     },
-    thread,
 };
 
 use clap::{Args, Parser, Subcommand, builder::PossibleValuesParser};
@@ -28,7 +27,7 @@ use record::{
 };
 use workload::{
     ball_on_plate::{self, Program},
-    capabilities::drop_unneeded,
+    capabilities::spawn_after_drop,
     check, detached, enter,
     experiment::{Ending, ExperimentError, Reporter, Request},
     experiments, network, virtual_hosts,
@@ -317,14 +316,12 @@ fn block_signals() -> SigSet {
 fn set_when_told(ends: SigSet, stop: &Arc<AtomicBool>) -> Result<(), ExperimentError> {
     let stop = Arc::clone(stop);
     let name = "signals";
-    let watcher = thread::Builder::new().name(name.into()).spawn(move || {
-        // It is there before the network.
-        drop_unneeded();
+    let watcher = spawn_after_drop(name, move || {
         if ends.wait().is_ok() {
             stop.store(true, Ordering::Relaxed);
         }
     });
-    watcher.map(drop).map_err(|source| ExperimentError::Thread {
+    watcher.map_err(|source| ExperimentError::Thread {
         name: name.into(),
         source,
     })

@@ -12,13 +12,12 @@ use std::{
         Mutex, PoisonError,
         mpsc::{Receiver, SyncSender, sync_channel},
     },
-    thread,
     time::Duration,
 };
 
 use record::progress::Progress;
 
-use crate::capabilities::drop_unneeded;
+use crate::capabilities::spawn_after_drop;
 
 /// Lines that may wait for a slow reader; later ones are dropped from standard output, never from the file.
 const MOST_WAITING: usize = 1024;
@@ -43,9 +42,7 @@ impl Reporter {
         let (lines, waiting) = sync_channel::<String>(MOST_WAITING);
         let (ends, ended) = sync_channel(0);
         // Without the thread `lines` is closed and all else goes on.
-        let _ = thread::Builder::new().name("reporter".into()).spawn(move || {
-            // It is there before the network.
-            drop_unneeded();
+        let _ = spawn_after_drop("reporter", move || {
             let mut out = io::stdout();
             for line in waiting {
                 let _ = out.write_all(line.as_bytes()).and_then(|()| out.flush());
