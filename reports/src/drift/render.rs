@@ -120,7 +120,7 @@ impl Finding {
         };
         let report = match &self.report {
             None => String::new(),
-            Some(report) => format!("; see {}", report.display()),
+            Some(report) => format!(". Its report: {}", report.display()),
         };
         let change = match self.kind {
             Kind::Jump => format!("jumped from {from} to {to}{percent}"),
@@ -133,7 +133,7 @@ impl Finding {
             Some(Found::Reason(reason)) => format!(". What it comes from cannot be said: {reason}"),
         };
         format!(
-            "{change} in {} (p = {:.2e}); {cause}{report}{explained}",
+            "{change} in {} (p = {:.2e}); {cause}{explained}{report}",
             self.since, level.p
         )
     }
