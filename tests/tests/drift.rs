@@ -223,7 +223,7 @@ fn a_pruned_run_keeps_its_night_its_records_and_its_report_and_nothing_takes_it_
     // What a process left that was ended after it had kept the night.
     fs::copy(control(&runs[6]), control(&runs[0])).unwrap();
     let again = workplace.run(&["prune", "runs", "--keep", "1"]);
-    assert!(again.out.contains("pruned: 1 files"), "{again:?}");
+    assert!(again.out.contains("pruned: 1 file,"), "{again:?}");
     assert!(!control(&runs[0]).exists());
     assert_eq!(workplace.json(&["drift", "runs"]), before);
 

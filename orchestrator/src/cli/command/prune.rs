@@ -184,7 +184,8 @@ impl PruneDocument {
         for run in &self.runs {
             let what = match &run.reason {
                 Some(reason) => format!(": {reason}"),
-                None if run.files > 0 => format!(": {} files, {}", run.files, in_words(run.bytes)),
+                None if run.files == 1 => format!(": 1 file, {}", in_words(run.bytes)),
+                None if run.files > 1 => format!(": {} files, {}", run.files, in_words(run.bytes)),
                 None => String::new(),
             };
             text += &format!("{}  {}{what}\n", run.directory.display(), run.fate);
@@ -198,8 +199,8 @@ impl PruneDocument {
             false => "were",
         };
         text + &format!(
-            "{} {word} removed. Of a pruned run its records, its report and its night for `matrix drift` stay; its logs and captures are gone \
-             for ever, and with them new reports, `matrix explain`, `matrix replay` and `matrix messages` of it.\n",
+            "{} {word} removed. Of a pruned run its records, its report and its night for\n`matrix drift` stay. Its logs and captures are gone for ever, and with \
+             them new\nreports, `matrix explain`, `matrix replay` and `matrix messages` of it.\n",
             in_words(bytes)
         )
     }
