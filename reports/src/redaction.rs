@@ -467,6 +467,11 @@ impl Run {
             part.run = redaction.text(&part.run);
             part.asked.invocation.clear();
             part.asked.matrix_text.clear();
+            part.asked.profile = part
+                .asked
+                .profile
+                .as_deref()
+                .map(|profile| redaction.text(profile));
             "matrix.yaml".clone_into(&mut part.asked.matrix_file);
         }
         for scenario in &mut self.scenarios {

@@ -44,7 +44,8 @@ pub fn drop_unneeded() {
     }
 }
 
-/// Starts a thread that has dropped them before this returns: what is said of all threads a moment later is then said of it, too.
+/// Starts a thread, and returns when the thread has dropped the capabilities that the experiment does not need: a survey of all threads
+/// that follows finds it without them.
 ///
 /// # Errors
 /// When it cannot be started.

@@ -26,57 +26,62 @@ pub struct Way {
 /// The report's own way first, then those that differ from it in one setting. `by_other_positions` is the run with the errors of the
 /// other positions, where there is one.
 #[must_use]
-pub fn other_ways(run: &Run, by_other_positions: Option<&Run>, settings: &ReportSettings) -> Vec<Way> {
-    let is_of_the_ball = run
-        .scenarios
-        .iter()
-        .any(|scenario| scenario.planned.settings.experiment.is_none());
+pub fn other_ways(report: &Report, run: &Run, by_other_positions: Option<&Run>) -> Vec<Way> {
+    let settings = &report.settings;
     let way = |run: &Run, setting: &'static str, value: &str, settings: &ReportSettings| {
         Way::of(setting, value, &analyse(run, Traffic::default(), settings))
     };
-    let mut ways = vec![way(run, "", "", settings)];
-    for method in Method::ALL
-        .into_iter()
-        .filter(|method| *method != settings.method)
-    {
-        let with_it = ReportSettings {
-            method,
-            ..settings.clone()
-        };
-        ways.push(way(run, "method", method.name(), &with_it));
-    }
-    if !is_of_the_ball {
-        return ways;
-    }
-    for metric in Metric::ALL
-        .into_iter()
-        .filter(|metric| *metric != settings.metric)
-    {
-        let with_it = ReportSettings {
-            metric,
-            ..settings.clone()
-        };
-        ways.push(way(run, "metric", &written(&metric), &with_it));
-    }
-    for discard_periods in [0, 1]
-        .into_iter()
-        .filter(|periods| *periods != settings.discard_periods)
-    {
-        let with_it = ReportSettings {
-            discard_periods,
-            ..settings.clone()
-        };
-        ways.push(way(
-            run,
-            "discard_periods",
-            &discard_periods.to_string(),
-            &with_it,
+    let mut ways = vec![Way::of("", "", report)];
+    let others = other_settings(settings).into_iter();
+    let others = others.filter(|(setting, ..)| *setting == METHOD || is_of_the_ball(run));
+    ways.extend(others.map(|(setting, value, settings)| way(run, setting, &value, &settings)));
+    ways.extend(by_other_positions.map(|other| way(other, "error", &written(&other.error), settings)));
+    ways
+}
+
+/// The one setting that a report of a command has, too.
+const METHOD: &str = "method";
+
+fn is_of_the_ball(run: &Run) -> bool {
+    let mut scenarios = run.scenarios.iter();
+    scenarios.any(|scenario| scenario.planned.settings.experiment.is_none())
+}
+
+/// Those that differ in one setting, with its name and its value.
+fn other_settings(own: &ReportSettings) -> Vec<(&'static str, String, ReportSettings)> {
+    let mut all = Vec::new();
+    for method in Method::ALL {
+        all.push((
+            METHOD,
+            method.name().to_owned(),
+            ReportSettings {
+                method,
+                ..own.clone()
+            },
         ));
     }
-    if let Some(other) = by_other_positions {
-        ways.push(way(other, "error", &written(&other.error), settings));
+    for metric in Metric::ALL {
+        all.push((
+            "metric",
+            written(&metric),
+            ReportSettings {
+                metric,
+                ..own.clone()
+            },
+        ));
     }
-    ways
+    for discard_periods in [0, 1] {
+        all.push((
+            "discard_periods",
+            discard_periods.to_string(),
+            ReportSettings {
+                discard_periods,
+                ..own.clone()
+            },
+        ));
+    }
+    all.retain(|(.., settings)| settings != own);
+    all
 }
 
 /// A value as a matrix file has it.

@@ -15,7 +15,6 @@ pub struct Measurements {
     directory: RunDirectory,
     files: Vec<Place>,
     bytes: u64,
-    is_pruned: bool,
 }
 
 impl Measurements {
@@ -40,7 +39,6 @@ impl Measurements {
         files.retain(|file| bytes(file).is_some());
         Ok(Self {
             bytes: files.iter().filter_map(bytes).sum(),
-            is_pruned: directory.pruned().exists(),
             files,
             directory,
         })
@@ -63,9 +61,10 @@ impl Measurements {
     /// # Errors
     /// When the night cannot be written, and nothing is removed; or when a file cannot be removed.
     pub fn remove(self, night: &Night, at: &str) -> io::Result<()> {
-        if !self.is_pruned {
+        let place = self.directory.pruned();
+        if !place.exists() {
             let kept = Pruned::of(night, at, (self.files.len(), self.bytes));
-            self.directory.pruned().write(&serde_json::to_vec(&kept)?)?;
+            place.write(&serde_json::to_vec(&kept)?)?;
         }
         self.files.iter().try_for_each(Place::remove_file)
     }

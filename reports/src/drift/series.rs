@@ -31,6 +31,16 @@ pub(super) struct Point<'a> {
     pub measured: &'a Measured,
 }
 
+impl Point<'_> {
+    /// The lowest and the highest window of the night.
+    pub(super) fn range(&self, metric: &Metric) -> Option<[f64; 2]> {
+        let values = self.measured.values.get(metric)?;
+        let low = values.iter().copied().reduce(f64::min)?;
+        let high = values.iter().copied().reduce(f64::max)?;
+        Some([low, high])
+    }
+}
+
 /// What else changed where a metric did.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub enum Cause {

@@ -48,6 +48,8 @@ fn with_names() -> Synthetic {
         manifest["matrix_file"] = json!("/home/jane/acme-robotics/matrix.yaml");
         let matrix = "# by Dr Kaputnik\nhosts: {lab-mac: {}}\n";
         manifest["matrix_text"] = json!(matrix);
+        manifest["profile"] = json!("lab-mac");
+        manifest["invocation"] = json!(["/home/jane/matrix", "run", "--profile", "kaputnik"]);
         manifest["matrix_sha256"] = json!(sha256(matrix));
         manifest["hosts"] = json!([
             {"name": "local", "connect": "local", "hardware": "x86_64", "os": "debian", "kernel": "6.1"},

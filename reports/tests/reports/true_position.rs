@@ -93,7 +93,7 @@ fn a_table_says_what_other_settings_would_have_found() {
     let other = load_by(synthetic.directory.path(), Some(ErrorOf::TruePosition)).unwrap();
     let settings = &run.manifest.report;
     let mut report = analyse(&run, Traffic::default(), settings);
-    report.other_ways = other_ways(&run, Some(&other), settings);
+    report.other_ways = other_ways(&report, &run, Some(&other));
     let table = report
         .present()
         .tables

@@ -3,7 +3,7 @@
 use std::path::{Path, PathBuf};
 
 use clap::{Args, ValueHint};
-use record::{causes::with_causes, exit::matrix::Exit, run_directory::RunDirectory};
+use record::{causes::with_causes, exit::matrix::Exit};
 use reports::drift::{Night, pruning::Measurements};
 use schemars::JsonSchema;
 use serde::Serialize;
@@ -163,7 +163,7 @@ fn prune(path: &Path, night: &Night, only_say: bool) -> Result<(Fate, usize, u64
         );
         return Ok((Fate::Kept(reason), 0, 0));
     }
-    let measured = Measurements::of(RunDirectory::new(path)).map_err(|error| NotPruned::of(&error))?;
+    let measured = Measurements::of(directory).map_err(|error| NotPruned::of(&error))?;
     let (files, bytes) = (measured.files(), measured.bytes());
     let fate = match () {
         () if files == 0 => Fate::NothingLeft,

@@ -203,7 +203,7 @@ pub fn execute(arguments: &ReportArguments) -> Result<Exit, CommandError> {
         if arguments.sensitivity {
             // A run without the plant's log has no true positions, and its table has no such row.
             let other = reports::load_by(directory.path(), Some(other_positions(run.error))).ok();
-            report.other_ways = other_ways(&run, other.as_ref(), &settings);
+            report.other_ways = other_ways(&report, &run, other.as_ref());
         }
     }
     reports::write(&run, &report)

@@ -70,13 +70,12 @@ struct NightEntry {
 pub fn series(nights: &[Night]) -> Vec<SeriesEntry> {
     let of_each = every_series(nights).into_iter().map(|series| {
         let night = |point: &Point<'_>| {
-            let values = point.measured.values.get(&series.metric);
-            let values = || values.into_iter().flatten().copied();
+            let [lowest, highest] = point.range(&series.metric).unwrap_or([point.level; 2]);
             NightEntry {
                 run: point.run.to_owned(),
                 level: point.level,
-                lowest: values().fold(point.level, f64::min),
-                highest: values().fold(point.level, f64::max),
+                lowest,
+                highest,
             }
         };
         SeriesEntry {

@@ -160,7 +160,7 @@ struct Scale {
 
 impl Scale {
     fn of(points: &[Point<'_>], metric: &Metric, nights: usize) -> Self {
-        let all = || points.iter().filter_map(|point| range(point, metric));
+        let all = || points.iter().filter_map(|point| point.range(metric));
         let low = all().map(|[low, _]| low).fold(f64::INFINITY, f64::min);
         let high = all().map(|[_, high]| high).fold(f64::NEG_INFINITY, f64::max);
         // Of nights that are all the same the line is in the middle.
@@ -189,14 +189,6 @@ impl Scale {
     }
 }
 
-/// The lowest and the highest window of a night.
-fn range(point: &Point<'_>, metric: &Metric) -> Option<[f64; 2]> {
-    let values = point.measured.values.get(metric)?;
-    let low = values.iter().copied().reduce(f64::min)?;
-    let high = values.iter().copied().reduce(f64::max)?;
-    Some([low, high])
-}
-
 /// A path for all bars, one for all dots and one for all ticks, since a year of nights has many.
 fn drawn(line: &Series<'_>, judgement: &Judgement, platforms: &[(usize, Cause)], nights: &[Night]) -> String {
     let (points, metric) = (&line.points, &line.metric);
@@ -205,7 +197,7 @@ fn drawn(line: &Series<'_>, judgement: &Judgement, platforms: &[(usize, Cause)],
         (String::new(), String::new(), String::new(), String::new());
     for point in points {
         let x = scale.x(point.night);
-        if let Some([low, high]) = range(point, metric).filter(|[low, high]| low < high) {
+        if let Some([low, high]) = point.range(metric).filter(|[low, high]| low < high) {
             let _ = write!(bars, "M{x:.1} {:.1}V{:.1}", scale.y(low), scale.y(high));
         }
         let _ = write!(dots, "M{x:.1} {:.1}h0", scale.y(point.level));

@@ -42,6 +42,7 @@ pub(super) fn draw(report: &Report) -> Markup {
     } else {
         scenarios(report)
     };
+    let is_each_drawn = fields.len() <= MOST_FIELDS;
     let headings: &[&str] = if by_window { &BY_WINDOW } else { &BY_SCENARIO };
     let is_number = |heading: &str| !["between", "verdict"].contains(&heading);
     let side = MARGIN + names.len() as f64 * SIDE + 2.0;
@@ -61,7 +62,7 @@ pub(super) fn draw(report: &Report) -> Markup {
                         text x=(at(index) + SIDE / 2.0) y=(MARGIN - 6.0) text-anchor="start"
                             transform=(format!("rotate(-60 {} {})", at(index) + SIDE / 2.0, MARGIN - 6.0)) { (name) }
                     }
-                    @if fields.len() > MOST_FIELDS {
+                    @if !is_each_drawn {
                         @for (step, shape) in shapes(&fields) { path .cell d=(shape) fill-opacity=(opacity(f64::from(step) / f64::from(LEVELS))) stroke-width="0" {} }
                     } @else { @for field in &fields {
                         g {
@@ -80,7 +81,7 @@ pub(super) fn draw(report: &Report) -> Markup {
                 @if by_window {
                     "A field for each two windows, such as a1 and b2: the stronger its colour, the larger the distance D (0 to 1); a dot: \
                      rejected at p < " (report.settings.alpha) "."
-                } @else if fields.len() > MOST_FIELDS {
+                } @else if !is_each_drawn {
                     "A field for each two scenarios: the stronger its colour, the larger the share of their window pairs that was rejected. "
                     code { "between" } " of " code { "report.json" } " has the numbers."
                 } @else {
@@ -89,7 +90,7 @@ pub(super) fn draw(report: &Report) -> Markup {
                 }
             }
         }
-        @if fields.len() <= MOST_FIELDS { details {
+        @if is_each_drawn { details {
             summary { "The same as a list" }
             div .wide tabindex="0" role="region" aria-label="Every comparison as a list" {
                 table .sortable {
