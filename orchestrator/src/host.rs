@@ -13,6 +13,8 @@ mod here;
 pub mod lease;
 mod output;
 mod program;
+mod script;
+pub mod slurm;
 pub mod ssh;
 
 use std::{path::PathBuf, process, sync::Arc};
@@ -21,7 +23,10 @@ use async_trait::async_trait;
 use record::connection::{Connection, SshAddress};
 use tokio::net::UnixStream;
 
-use self::ssh::{SshClient, SshHost, Trust};
+use self::{
+    slurm::{SlurmHost, SlurmNodes},
+    ssh::{SshClient, SshHost, Trust},
+};
 use crate::state_directory::StateDirectory;
 
 pub use self::{
@@ -32,10 +37,24 @@ pub use self::{
     program::{Exit, Program, ProgramEnd, RunningProgram},
 };
 
+/// What a matrix file says of a host.
+#[derive(Debug, Clone, Copy)]
+pub struct Said<'a> {
+    /// Its name there.
+    pub name: &'a str,
+    /// How it is reached.
+    pub connection: &'a Connection,
+    /// Its hardware; empty where it is not said.
+    pub hardware: &'a str,
+    /// Its operating system; empty where it is not said.
+    pub os: &'a str,
+}
+
 /// The host that a matrix file names, with what is put on this machine in this state directory.
 #[must_use]
-pub fn of(name: &str, connection: &Connection, state: &StateDirectory) -> Arc<dyn Host> {
-    match connection {
+pub fn of(said: Said<'_>, state: &StateDirectory) -> Arc<dyn Host> {
+    let name = said.name;
+    match said.connection {
         Connection::Local => Arc::new(Here::new(name, state.clone())),
         Connection::Ssh(ssh) => Arc::new(SshHost::new(
             name,
@@ -43,6 +62,18 @@ pub fn of(name: &str, connection: &Connection, state: &StateDirectory) -> Arc<dy
             Trust::KnownHosts,
             SshClient::of_this_user(),
         )),
+        Connection::Slurm(slurm) => {
+            let submit = Said {
+                connection: slurm.submit.connection(),
+                ..said
+            };
+            let nodes = SlurmNodes {
+                slurm: slurm.clone(),
+                hardware: said.hardware.to_owned(),
+                os: said.os.to_owned(),
+            };
+            Arc::new(SlurmHost::new(of(submit, state), nodes, state.clone()))
+        }
     }
 }
 
@@ -55,6 +86,12 @@ pub trait Host: Send + Sync {
     /// Whether it is where this process runs, so that what we see of our surroundings is the host's.
     fn is_this_machine(&self) -> bool {
         false
+    }
+
+    /// The nodes that it stands for, if it is none itself: programs are then started on the submit host, which is not what is
+    /// measured.
+    fn nodes(&self) -> Option<&SlurmNodes> {
+        None
     }
 
     /// Starts a program, which lives at most as long as its stream and, over SSH, as the connection: what is to outlive

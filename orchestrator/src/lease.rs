@@ -150,10 +150,13 @@ pub fn is_held(place: &Place) -> bool {
     }
 }
 
-/// Where the lease of this machine is: one for all its users. `MATRIX_LEASE` moves it, for tests.
+/// Where the lease of a machine is: one for all its users.
+pub const OF_A_MACHINE: &str = "/tmp/matrix-host.lease";
+
+/// Where that of this machine is. `MATRIX_LEASE` moves it, for tests.
 #[must_use]
 pub fn of_this_machine() -> PathBuf {
-    std::env::var_os("MATRIX_LEASE").map_or_else(|| PathBuf::from("/tmp/matrix-host.lease"), PathBuf::from)
+    std::env::var_os("MATRIX_LEASE").map_or_else(|| PathBuf::from(OF_A_MACHINE), PathBuf::from)
 }
 
 /// For its owner alone: who can open a file can lock it.

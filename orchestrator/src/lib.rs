@@ -3,6 +3,7 @@
 //! ```text
 //! matrix_file   text -> MatrixFile                              pure
 //! host          a machine: programs and sockets on it, here or over SSH
+//! batch         what a cluster's scheduler is asked
 //! survey        what the hosts can do
 //! plan          MatrixFile, what hosts can do -> Plan           pure
 //! preparation   path of a matrix file -> Plan, by a survey or offline
@@ -12,6 +13,7 @@
 //! cli           what a user asks for, made of these: all that reads arguments, prints and chooses an exit code
 //! ```
 
+pub mod batch;
 pub mod cli;
 pub mod disk_space;
 mod entry;

@@ -19,6 +19,7 @@ mod error;
 pub mod facts;
 pub mod fake;
 mod fleet;
+pub mod jobs;
 pub(crate) mod lines;
 pub mod native;
 mod providers;
@@ -37,7 +38,7 @@ use record::{
     causes::with_causes,
     detached::Owner,
     progress::Progress,
-    run_directory::Resource,
+    run_directory::{JobStanding, Resource},
     settings::{Need, Settings},
 };
 use serde_json::{Map, Value};
@@ -161,6 +162,15 @@ pub trait Provider: Send + Sync {
     /// When there is no shell in it.
     async fn shell(&self, environment: &str) -> Result<Program, ProviderError>;
 
+    /// How many windows one environment can measure with these settings; none where any number of them.
+    ///
+    /// # Errors
+    /// When the platform cannot be asked.
+    async fn most_windows(&self, settings: &Settings) -> Result<Option<usize>, ProviderError> {
+        let _ = settings;
+        Ok(None)
+    }
+
     /// Everything that environments of this provider left on this host, whichever run they belong to. What has no owner
     /// on record, and the bridges of networks, are `native`'s.
     ///
@@ -173,6 +183,15 @@ pub trait Provider: Send + Sync {
     /// # Errors
     /// When the platform refuses.
     async fn remove(&self, leftover: &Leftover) -> Result<(), ProviderError>;
+}
+
+/// What is new of an environment.
+#[derive(Debug, Clone, PartialEq)]
+pub enum News {
+    /// The workload said this.
+    Workload(Progress),
+    /// Its job stands so now.
+    Job(JobStanding),
 }
 
 /// A live environment with the workload in it.
@@ -190,6 +209,19 @@ pub trait Environment: Send {
     /// # Errors
     /// When the platform stops answering.
     async fn next_progress(&mut self) -> Result<Option<Progress>, ProviderError>;
+
+    /// What is new: the workload's next line, or where its job stands. Cancel-safe.
+    ///
+    /// # Errors
+    /// As [`Self::next_progress`].
+    async fn next_news(&mut self) -> Result<Option<News>, ProviderError> {
+        Ok(self.next_progress().await?.map(News::Workload))
+    }
+
+    /// Whether a silence of the workload says nothing, since something else tells whether it lives.
+    fn may_be_silent(&self) -> bool {
+        false
+    }
 
     /// Asks the workload to end in order; its lines go on until it has.
     ///

@@ -70,6 +70,40 @@ impl RunError {
     }
 }
 
+/// Whether a run waits for its jobs.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
+pub enum Patience {
+    /// It goes on until there is nothing more to do.
+    #[default]
+    WaitsForJobs,
+    /// It collects what has ended, submits what is missing, and leaves. What is measured on other hosts is left, too.
+    LeavesJobs,
+}
+
+/// How the units of a host come one after another.
+pub(crate) enum Turn {
+    /// On the host itself, which is leased while they do.
+    Host(Mutex<Option<HostLease>>),
+    /// In the queue of a batch system, to which they are submitted one after another.
+    Queue(Mutex<()>),
+}
+
+impl Turn {
+    /// On a host that nobody has leased yet.
+    pub(crate) fn on_host() -> Self {
+        Self::Host(Mutex::new(None))
+    }
+
+    /// Gives back what was leased.
+    pub(crate) async fn end(self) {
+        if let Self::Host(lease) = self
+            && let Some(lease) = lease.into_inner()
+        {
+            lease.give_back().await;
+        }
+    }
+}
+
 /// One plan being carried out.
 pub struct Run<'a> {
     /// The run's name.
@@ -88,6 +122,8 @@ pub struct Run<'a> {
     pub stop: Stop,
     /// Which environments stay.
     pub keep: Keep,
+    /// Whether jobs are waited for.
+    pub patience: Patience,
     /// Whether something is measured on this machine (written) or collected to it (read), never both: a transfer from
     /// another host would disturb what is measured here.
     pub this_machine: RwLock<()>,
@@ -173,22 +209,41 @@ impl Run<'_> {
 
     /// Does what is left to do on a host, round by round.
     async fn on_host(&self, host: &str, units: &[Unit<'_>]) -> Result<(), RunError> {
-        let lease = Mutex::new(None);
+        if self.is_cluster(host) {
+            return self.on_cluster(units).await;
+        }
+        if self.patience == Patience::LeavesJobs {
+            return Ok(());
+        }
+        let turn = Turn::on_host();
         let side_by_side = self.side_by_side(host, units);
         for round in units.chunk_by(|unit, next| unit.round == next.round) {
-            stream::iter(round.iter().copied().map(Ok))
-                .try_for_each_concurrent(side_by_side, async |unit| {
-                    match self.is_settled(unit) || self.stop.is_requested() {
-                        true => Ok(()),
-                        false => self.unit(unit, &lease).await,
-                    }
-                })
-                .await?;
+            self.units(round, side_by_side, &turn).await?;
         }
-        if let Some(lease) = lease.into_inner() {
-            lease.give_back().await;
-        }
+        turn.end().await;
         Ok(())
+    }
+
+    /// Submits what is left to do on a cluster, in the order of the plan, and waits for all of it at once: the cluster keeps the
+    /// order.
+    async fn on_cluster(&self, units: &[Unit<'_>]) -> Result<(), RunError> {
+        self.units(units, units.len(), &Turn::Queue(Mutex::new(()))).await
+    }
+
+    async fn units(&self, units: &[Unit<'_>], side_by_side: usize, turn: &Turn) -> Result<(), RunError> {
+        stream::iter(units.iter().copied().map(Ok))
+            .try_for_each_concurrent(side_by_side, async |unit| {
+                match self.is_settled(unit) || self.stop.is_requested() {
+                    true => Ok(()),
+                    false => self.unit(unit, turn).await,
+                }
+            })
+            .await
+    }
+
+    /// Whether a host stands for the nodes of a cluster.
+    fn is_cluster(&self, host: &str) -> bool {
+        self.fleet.host(host).is_ok_and(|host| host.nodes().is_some())
     }
 
     /// How many units a host may do at a time. What is measured there must not be disturbed; what is computed cannot be.

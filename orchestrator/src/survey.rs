@@ -32,11 +32,18 @@ use crate::{
 #[must_use]
 pub fn providers(file: &MatrixFile) -> Providers {
     let state = StateDirectory::of_this_user();
-    let hosts = file
-        .hosts
-        .iter()
-        .map(|it| host::of(&it.name.value, &it.connection, &state));
+    let hosts = file.hosts.iter().map(|it| host::of(said_of(it), &state));
     Providers::new(file.catalogue, file.providers.clone(), hosts)
+}
+
+/// What a matrix file says of a host.
+fn said_of(host: &matrix_file::Host) -> host::Said<'_> {
+    host::Said {
+        name: &host.name.value,
+        connection: &host.connection,
+        hardware: host.hardware.as_deref().unwrap_or_default(),
+        os: host.os.as_deref().unwrap_or_default(),
+    }
 }
 
 /// Asks the hosts whose identity is known for what the scenarios of a matrix need. One that did not answer is left out.
@@ -58,7 +65,7 @@ pub fn unasked(file: &MatrixFile) -> BTreeMap<String, HostFacts> {
         left_alone: true,
         ..match host.connection {
             Connection::Local => this_machine(),
-            Connection::Ssh(_) => HostFacts::default(),
+            Connection::Ssh(_) | Connection::Slurm(_) => HostFacts::default(),
         }
     };
     let named = file
@@ -88,6 +95,14 @@ pub async fn identities(providers: &Providers) -> BTreeMap<String, HostFacts> {
 pub async fn identity(host: Arc<dyn Host>) -> HostFacts {
     if host.is_this_machine() {
         return this_machine();
+    }
+    // What its nodes are is known in a job, which looks before its first window.
+    if let Some(nodes) = host.nodes() {
+        return HostFacts {
+            hardware: nodes.hardware.clone(),
+            os: nodes.os.clone(),
+            ..HostFacts::default()
+        };
     }
     match AgentClient::new(host).platform().await {
         Ok(host) => of_platform(host.platform),

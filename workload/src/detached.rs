@@ -5,6 +5,10 @@
 //! start ──starts── supervise ──starts── run --environment NAME --data ROOT/NAME/data
 //!                   waits for it, writes ended.json
 //! follow, ended, stop, remove, list, collect: each finds what it needs by itself, and may be cut at any moment
+//!
+//! prepare                     job, in a batch system's job ──starts── run --environment NAME --data ROOT/NAME/data
+//!                               waits for it, writes ended.json
+//! look: what there is by now, from a machine that sees the same folder
 //! ```
 //!
 //! Nothing else has to live: the workload is found by its command line, and an end that the supervisor did not live to
@@ -17,8 +21,10 @@ mod ended;
 mod error;
 mod folder;
 mod follow;
+mod job;
 mod lease;
 mod list;
+mod look;
 mod platform;
 mod process;
 mod remove;
@@ -72,6 +78,9 @@ fn perform(call: &Detached) -> Result<(), DetachedError> {
     match call {
         Detached::Start(which) => answer(&start::start(&folder(which)?)?),
         Detached::Supervise(which) => supervise::supervise(&folder(which)?),
+        Detached::Prepare(which) => start::prepare(&folder(which)?),
+        Detached::Job(call) => job::job(&folder(&call.which)?, call),
+        Detached::Look(call) => look::look(&folder(&call.which)?, call.from),
         Detached::Follow(call) => follow::follow(&folder(&call.which)?, call.from),
         Detached::Ended(which) => answer(&ended::ended(&folder(which)?)?),
         Detached::Stop(which) => answer(&stop::stop(&folder(which)?)?),

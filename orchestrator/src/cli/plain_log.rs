@@ -2,7 +2,10 @@
 
 use std::io::Write;
 
-use record::{progress::Progress, run_directory::Event};
+use record::{
+    progress::Progress,
+    run_directory::{Event, JobStanding},
+};
 
 use crate::{escaping, observer::Observer};
 
@@ -54,6 +57,9 @@ fn words(event: &Event) -> Option<String> {
             format!("{scenario}: creating {provider} environment {environment}")
         }
         Event::EnvironmentCreated { scenario, .. } => format!("{scenario}: environment is up"),
+        Event::JobChanged {
+            scenario, standing, ..
+        } => format!("{scenario}: {}", job(standing)),
         Event::EnvironmentFound {
             scenario,
             environment,
@@ -114,6 +120,29 @@ fn words(event: &Event) -> Option<String> {
         Event::RunFinished => "run: finished".to_owned(),
         Event::RunInterrupted => "run: interrupted".to_owned(),
     })
+}
+
+/// Where a job stands, in one line.
+#[must_use]
+pub fn job(standing: &JobStanding) -> String {
+    let JobStanding {
+        job,
+        state,
+        reason,
+        node,
+        start,
+    } = standing;
+    let reason = reason.as_ref().map(|reason| format!(" ({reason})"));
+    let node = node.as_ref().map(|node| format!(" on {node}"));
+    // Of a job that runs the node says more.
+    let start = start.as_ref().filter(|_| node.is_none());
+    let start = start.map(|start| format!(", expected to start at {start} of the cluster's clock"));
+    format!(
+        "job {job} is {state}{}{}{}",
+        reason.unwrap_or_default(),
+        node.unwrap_or_default(),
+        start.unwrap_or_default()
+    )
 }
 
 fn said(progress: &Progress) -> Option<String> {

@@ -13,7 +13,7 @@ use record::{
 };
 
 use super::plain_log;
-use crate::observer::Observer;
+use crate::{escaping, observer::Observer};
 
 /// One bar a scenario, in the order they run.
 pub struct ProgressBars {
@@ -152,6 +152,14 @@ impl Observer for ProgressBars {
                         true => scenario.bar.set_message(after_colon(&line)),
                         false => scenario.bar.abandon_with_message(after_colon(&line)),
                     }
+                }
+            }
+            Event::JobChanged {
+                scenario, standing, ..
+            } => {
+                if let Some(scenario) = self.scenarios.get(scenario) {
+                    let line = plain_log::job(standing);
+                    scenario.bar.set_message(escaping::harmless_line(&line));
                 }
             }
             Event::WindowBroken { .. }

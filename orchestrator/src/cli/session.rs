@@ -21,6 +21,7 @@ use crate::{
     observer::Observer,
     provider::Providers,
     run::{
+        Patience,
         keep::Keep,
         recorded::RecordedRunError,
         session::{self, LockError, Options, SessionError},
@@ -46,6 +47,36 @@ pub struct RunOptions {
     pub show: ProgressDisplay,
     /// Which environments stay.
     pub keep: Keep,
+    /// Whether jobs are waited for.
+    pub patience: Patience,
+}
+
+/// What a user says of the jobs of clusters.
+#[derive(Debug, Clone, Copy, clap::Args)]
+pub struct JobArguments {
+    /// Of hosts that are clusters, collect what has ended, submit the jobs that are missing, and leave. Other hosts measure nothing.
+    #[arg(long)]
+    submit: bool,
+}
+
+impl JobArguments {
+    /// Whether jobs are waited for.
+    #[must_use]
+    pub const fn patience(self) -> Patience {
+        match self.submit {
+            true => Patience::LeavesJobs,
+            false => Patience::WaitsForJobs,
+        }
+    }
+}
+
+/// How a process ended its work on a run.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Carried {
+    /// There is nothing more to do, or it was asked to stop.
+    Out(Exit),
+    /// So many jobs are in their queues, and it does not wait for them.
+    Left(usize),
 }
 
 /// Carries out what is left to do of a plan, from `state` on; how it ended, as an exit code. The first Ctrl-C or SIGTERM asks the
@@ -60,7 +91,7 @@ pub async fn carry_out(
     providers: &Providers,
     state: RunState,
     options: RunOptions,
-) -> Result<Exit, CommandError> {
+) -> Result<Carried, CommandError> {
     let (switch, stop) = stop::stop_switch();
     // From here on a signal is heard: in a task of its own it would be some time after the journal's first lines.
     if let (Ok(interrupt), Ok(terminate)) = (signal(SignalKind::interrupt()), signal(SignalKind::terminate()))
@@ -74,11 +105,27 @@ pub async fn carry_out(
     let options = Options {
         resumed: options.resumed,
         keep: options.keep,
+        patience: options.patience,
         observers: observers(plan, &state, options.show),
-        stop,
+        stop: stop.clone(),
     };
+    let patience = options.patience;
     let state = session::carry_out(directory, manifest, plan, providers, state, options).await?;
-    Ok(exit(&state, plan))
+    let exit = exit(&state, plan);
+    if exit != Exit::Interrupted || patience == Patience::WaitsForJobs || stop.is_requested() {
+        return Ok(Carried::Out(exit));
+    }
+    let open = state.scenarios.values().flat_map(|scenario| scenario.open());
+    Ok(Carried::Left(open.count()))
+}
+
+/// What is to be known of a run that was left.
+pub fn print_left(directory: &Path, jobs: usize) {
+    let run = escaping::pasted(directory);
+    terminal::print_note(&format!(
+        "{jobs} jobs are submitted or measure; `matrix resume {run} --submit` collects what has ended and submits what is missing, \
+         `matrix resume {run}` waits for all, `matrix clean` takes them back"
+    ));
 }
 
 impl From<SessionError> for CommandError {

@@ -40,6 +40,7 @@ use tokio::{
     time::timeout,
 };
 
+pub(super) use self::command_line::of_script as script_line;
 pub use self::{
     configuration::SshClient,
     error::{HostKeyProblem, SshError},
@@ -135,7 +136,7 @@ impl SshHost {
     }
 
     /// Starts what a line tells the login shell.
-    async fn start_line(&self, line: String) -> Result<RunningProgram, HostError> {
+    pub(super) async fn start_line(&self, line: String) -> Result<RunningProgram, HostError> {
         let opened = self.open(Opening::Command(line)).await?;
         Ok(RunningProgram {
             stream: opened.stream,

@@ -14,6 +14,7 @@ use super::{
     asked_right::AskedRight,
     docker::Docker,
     fake::Fake,
+    jobs::Jobs,
     native::Native,
     settings::ProviderSettings,
     simulated::Simulated,
@@ -23,13 +24,16 @@ use super::{
         options::{self, Allowed},
     },
 };
-use crate::{host::Host, state_directory::StateDirectory};
+use crate::{batch::Clusters, host::Host, state_directory::StateDirectory};
 
 /// The providers of this crate, in the order of messages and of the schema.
 static BUILT_IN: &[ProviderKind] = &[
-    ProviderKind::new("native", |making| {
-        Ok(Box::new(Native::new(Arc::clone(making.host))))
-    }),
+    ProviderKind {
+        as_job: true,
+        ..ProviderKind::new("native", |making| {
+            Ok(Box::new(Native::new(Arc::clone(making.host))))
+        })
+    },
     ProviderKind {
         column: true,
         rights: |settings| settings.docker.asked_rights(),
@@ -115,6 +119,7 @@ static BUILT_IN: &[ProviderKind] = &[
     },
     ProviderKind {
         simulated: true,
+        as_job: true,
         ..ProviderKind::new(SIMULATED, |making| {
             Ok(Box::new(Simulated::new(Arc::clone(making.host))))
         })
@@ -165,6 +170,9 @@ pub struct ProviderKind {
     pub hosts: Hosts,
     /// Whether its numbers are computed and not measured: reports then begin with that.
     pub simulated: bool,
+    /// Whether its environments are nothing but a workload's process, which a job of a batch system can be. On a host that stands for
+    /// a cluster's nodes others cannot be made.
+    pub as_job: bool,
     /// The rights that its settings ask for, which `matrix plan` lists.
     pub rights: fn(&ProviderSettings) -> Vec<AskedRight>,
     /// Whether the table of hosts of `matrix doctor` has a column for it. Vagrant's providers share one.
@@ -185,6 +193,7 @@ impl ProviderKind {
             make,
             hosts: Hosts::All,
             simulated: false,
+            as_job: false,
             rights: |_| Vec::new(),
             column: false,
             check: no_settings,
@@ -201,13 +210,24 @@ impl ProviderKind {
         host: &Arc<dyn Host>,
         settings: &ProviderSettings,
         state: &StateDirectory,
+        clusters: &Clusters,
     ) -> Result<Box<dyn Provider>, ProviderError> {
-        (self.make)(&Making {
-            kind: self,
-            host,
-            settings,
-            state,
-        })
+        match host.nodes().filter(|_| self.hosts == Hosts::All) {
+            Some(nodes) if self.as_job => Ok(Box::new(Jobs::new(self.name, host, nodes, clusters))),
+            Some(_) => Err(ProviderError::Unsupported {
+                provider: self.name.to_owned(),
+                reason: format!("nothing but a process can be a job of the cluster behind `{}`", host.name()),
+                hint: Some(
+                    "measure `native` there, and name a node that you can log in to as a host of its own for the others".to_owned(),
+                ),
+            }),
+            None => (self.make)(&Making {
+                kind: self,
+                host,
+                settings,
+                state,
+            }),
+        }
     }
 }
 
@@ -347,6 +367,7 @@ impl Catalogue {
         virtualization: &str,
         settings: &ProviderSettings,
         host: &Arc<dyn Host>,
+        clusters: &Clusters,
     ) -> Result<Box<dyn Provider>, ProviderError> {
         let Some(kind) = self.kind(virtualization) else {
             return Err(ProviderError::Unknown {
@@ -354,16 +375,16 @@ impl Catalogue {
                 known: self.names().collect(),
             });
         };
-        kind.provider(host, settings, &StateDirectory::of_this_user())
+        kind.provider(host, settings, &StateDirectory::of_this_user(), clusters)
     }
 
     /// Every provider that can have left something behind on a host.
     #[must_use]
     pub fn all(self, host: &Arc<dyn Host>) -> Vec<Box<dyn Provider>> {
-        let settings = ProviderSettings::default();
+        let (settings, clusters) = (ProviderSettings::default(), Clusters::default());
         self.kinds()
             .filter(|kind| host.is_this_machine() || kind.hosts == Hosts::All)
-            .filter_map(|kind| self.choose(kind.name, &settings, host).ok())
+            .filter_map(|kind| self.choose(kind.name, &settings, host, &clusters).ok())
             .collect()
     }
 }
@@ -406,13 +427,13 @@ mod tests {
         for name in catalogue.names() {
             assert_eq!(
                 catalogue
-                    .choose(name, &settings, &here())
+                    .choose(name, &settings, &here(), &Clusters::default())
                     .map(|provider| provider.name())
                     .ok(),
                 Some(name)
             );
         }
-        let unknown = catalogue.choose("dokcer", &settings, &here());
+        let unknown = catalogue.choose("dokcer", &settings, &here(), &Clusters::default());
         let error = unknown.map(|_| ()).unwrap_err();
         assert!(
             error.hint().is_some_and(|hint| hint.contains("docker")),

@@ -16,7 +16,7 @@ use std::{sync::Arc, time::Duration};
 use record::{
     call::{Detached, Follow, Remove, Root, Which},
     check::CheckRecord,
-    detached::{self, Ending, Failure, Listed, Removed, Start, Started, Stopping},
+    detached::{self, Ending, Failure, Listed, Looked, Removed, Start, Started, Stopping},
     quantity::TimeSpan,
     settings::Need,
 };
@@ -73,18 +73,53 @@ impl AgentClient {
         provider: &str,
         request: &EnvironmentRequest,
     ) -> Result<Started, ProviderError> {
-        let start = Start {
-            owner: request.owner(provider),
-            settings: request.settings.clone(),
-        };
         let environment = &request.environment;
         let call = |root| Detached::Start(which(root, environment));
-        let mut input = json(&start);
-        if let Some(files) = &request.files {
-            input.push(b'\n');
-            input.extend_from_slice(files.stream());
+        self.ask("starting the workload", call, &asked_for(provider, request))
+            .await
+    }
+
+    /// Makes an environment for a provider whose workload a job is to start.
+    ///
+    /// # Errors
+    /// When there is one of that name already, or the host refuses.
+    pub async fn prepare(&self, provider: &str, request: &EnvironmentRequest) -> Result<(), ProviderError> {
+        let environment = &request.environment;
+        let call = |root| Detached::Prepare(which(root, environment));
+        let input = asked_for(provider, request);
+        self.answered("preparing the environment", call, &input)
+            .await
+            .map(drop)
+    }
+
+    /// What there is by now of an environment that a job measures, with the lines from that byte on, or the first of them.
+    ///
+    /// # Errors
+    /// When there is no such environment, or the host cannot be asked.
+    pub async fn look(&self, environment: &str, from: u64) -> Result<(Looked, Vec<u8>), ProviderError> {
+        let call = |root| {
+            Detached::Look(Follow {
+                which: which(root, environment),
+                from,
+            })
+        };
+        let (name, mut answer) = self
+            .answered("looking at what the job has written", call, b"")
+            .await?;
+        let end = answer
+            .iter()
+            .position(|byte| *byte == b'\n')
+            .map_or(answer.len(), |at| at + 1);
+        let lines = answer.split_off(end);
+        let looked: Looked = read_answer(name, &answer)?;
+        match looked.bytes == lines.len() as u64 && looked.bytes <= Looked::MOST {
+            true => Ok((looked, lines)),
+            false => Err(ProviderError::Disconnected {
+                platform: format!("host `{}`", self.host()),
+                action: "reading what the job has written".to_owned(),
+                source: format!("{} of {} bytes came", lines.len(), looked.bytes).into(),
+            }),
         }
-        self.ask("starting the workload", call, &input).await
     }
 
     /// Whether an environment's workload runs, how it ended, what it said last.
@@ -197,15 +232,23 @@ impl AgentClient {
         call: impl FnOnce(Root) -> Detached,
         input: &[u8],
     ) -> Result<A, ProviderError> {
+        let (name, answer) = self.answered(action, call, input).await?;
+        read_answer(name, &answer)
+    }
+
+    /// Calls the agent; the command's name, and what it answered.
+    async fn answered(
+        &self,
+        action: &'static str,
+        call: impl FnOnce(Root) -> Detached,
+        input: &[u8],
+    ) -> Result<(&'static str, Vec<u8>), ProviderError> {
         let (name, program) = program(self.deployed().await?, call);
         let (exit, answer) = self.output(action, &program, input, CALL).await?;
-        if !exit.success() {
-            return Err(self.refusal(action, &exit));
+        match exit.success() {
+            true => Ok((name, answer)),
+            false => Err(self.refusal(action, &exit)),
         }
-        serde_json::from_slice(&answer).map_err(|error| ProviderError::Data {
-            what: format!("the answer of `workload detached {name}`"),
-            reason: error.to_string(),
-        })
     }
 
     async fn output(
@@ -253,6 +296,26 @@ impl AgentClient {
             },
         }
     }
+}
+
+fn read_answer<A: DeserializeOwned>(name: &str, answer: &[u8]) -> Result<A, ProviderError> {
+    serde_json::from_slice(answer).map_err(|error| ProviderError::Data {
+        what: format!("the answer of `workload detached {name}`"),
+        reason: error.to_string(),
+    })
+}
+
+/// What the agent reads to make an environment.
+fn asked_for(provider: &str, request: &EnvironmentRequest) -> Vec<u8> {
+    let mut input = json(&Start {
+        owner: request.owner(provider),
+        settings: request.settings.clone(),
+    });
+    if let Some(files) = &request.files {
+        input.push(b'\n');
+        input.extend_from_slice(files.stream());
+    }
+    input
 }
 
 /// A call of the agent on a host, with its name.

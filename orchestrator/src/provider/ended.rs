@@ -11,12 +11,24 @@ pub struct Ended {
     pub success: bool,
     /// In words.
     pub how: String,
+    /// Whether its node failed or was taken away: another may do.
+    pub lost_its_node: bool,
 }
 
 /// A shell, and so an engine, reports a death by signal N as this plus N.
 const SIGNAL_BASE: i64 = 128;
 
 impl Ended {
+    /// It did not succeed.
+    #[must_use]
+    pub fn failed(how: &str) -> Self {
+        Self {
+            success: false,
+            how: how.to_owned(),
+            lost_its_node: false,
+        }
+    }
+
     /// As an engine reports it: an exit code, above 128 for a signal.
     #[must_use]
     pub fn by_exit_code(code: i64) -> Self {
@@ -26,6 +38,7 @@ impl Ended {
             Self {
                 success: code == 0,
                 how: format!("exit code {code}{}", meaning(code)),
+                lost_its_node: false,
             }
         }
     }
@@ -46,10 +59,7 @@ impl Ended {
             31 => " (SIGSYS)",
             _ => "",
         };
-        Self {
-            success: false,
-            how: format!("killed by signal {number}{name}"),
-        }
+        Self::failed(&format!("killed by signal {number}{name}"))
     }
 
     /// As the kernel reports it to a parent.
@@ -77,6 +87,7 @@ impl Ended {
         Self {
             success,
             how: how.to_owned(),
+            lost_its_node: false,
         }
     }
 

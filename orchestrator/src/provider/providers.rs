@@ -9,13 +9,14 @@ use std::{
 use record::run_directory::PlannedScenario;
 
 use super::{Catalogue, Fleet, Provider, ProviderError, ProviderSettings};
-use crate::host::Host;
+use crate::{batch::Clusters, host::Host};
 
 /// Providers by virtualization and host, made when they are first asked for.
 pub struct Providers {
     catalogue: Catalogue,
     settings: ProviderSettings,
     hosts: BTreeMap<String, Arc<dyn Host>>,
+    clusters: Clusters,
     made: Mutex<BTreeMap<(String, String), Arc<dyn Provider>>>,
 }
 
@@ -34,6 +35,7 @@ impl Providers {
                 .into_iter()
                 .map(|host| (host.name().to_owned(), host))
                 .collect(),
+            clusters: Clusters::default(),
             made: Mutex::default(),
         }
     }
@@ -60,9 +62,9 @@ impl Providers {
         if let Some(provider) = made.get(&key) {
             return Ok(Arc::clone(provider));
         }
-        let provider = self
-            .catalogue
-            .choose(virtualization, &self.settings, &self.host(host)?)?;
+        let provider =
+            self.catalogue
+                .choose(virtualization, &self.settings, &self.host(host)?, &self.clusters)?;
         let provider: Arc<dyn Provider> = provider.into();
         made.insert(key, Arc::clone(&provider));
         Ok(provider)

@@ -17,7 +17,7 @@ use serde::Serialize;
 use crate::{
     escaping,
     experiment_files::ExperimentFiles,
-    host::{self, Host},
+    host::{self, Host, Said},
     provider::{Catalogue, Providers},
     state_directory::StateDirectory,
 };
@@ -229,7 +229,13 @@ impl RecordedRun {
                 run: self.manifest.run.clone(),
                 host: name.to_owned(),
             })?;
-            Ok(host::of(name, connection, &state))
+            let said = Said {
+                name,
+                connection,
+                hardware: recorded.map(|it| it.hardware.as_str()).unwrap_or_default(),
+                os: recorded.map(|it| it.os.as_str()).unwrap_or_default(),
+            };
+            Ok(host::of(said, &state))
         };
         names.into_iter().map(host).collect()
     }

@@ -11,6 +11,7 @@ use record::{
     axis::{HARDWARE, OS, SIMULATED},
     causes::with_causes,
     detached::UNFINISHED,
+    identity::{HostIdentity, IdentityMismatch},
     layout,
     progress::Progress,
     run_directory::{EnvironmentRecord, Event, Outcome, Place, PlannedScenario, Resource},
@@ -19,24 +20,22 @@ use record::{
 use serde::de::DeserializeOwned;
 use sha2::{Digest as _, Sha256};
 use tokio::{
-    sync::{Mutex, RwLockWriteGuard},
+    sync::{MutexGuard, RwLockWriteGuard},
     task::spawn_blocking,
     time::{Instant, sleep_until, timeout},
 };
 
 use super::{
-    Run, RunError,
+    Patience, Run, RunError, Turn,
     collection::{self, CollectionError, Sorted},
     silence::{self, Silence, Step},
     unit::Unit,
 };
 use crate::{
     disk_space, escaping,
-    host::lease::HostLease,
     journal::JournalError,
-    plan::placement::{HostIdentity, IdentityMismatch},
     provider::{
-        Ended, Environment, EnvironmentRequest, Provider, ProviderError, detached::AgentClient, facts,
+        Ended, Environment, EnvironmentRequest, News, Provider, ProviderError, detached::AgentClient, facts,
     },
 };
 
@@ -123,6 +122,16 @@ struct Ending {
     outcome: Outcome,
     reason: Option<String>,
     hint: Option<String>,
+    /// Whether its node failed or was taken away: another may do.
+    lost_its_node: bool,
+}
+
+/// What came of work on a scenario in one round.
+enum Work {
+    /// It ended.
+    Ended(Ending),
+    /// Its job is in its batch system's queue, and this process does not wait for it.
+    Left,
 }
 
 impl Ending {
@@ -131,6 +140,7 @@ impl Ending {
             outcome,
             reason,
             hint,
+            lost_its_node: false,
         }
     }
 
@@ -194,25 +204,35 @@ impl Run<'_> {
     ///
     /// # Errors
     /// Only when the journal cannot be written; everything else is an outcome.
-    pub(super) async fn unit(
-        &self,
-        unit: Unit<'_>,
-        lease: &Mutex<Option<HostLease>>,
-    ) -> Result<(), RunError> {
+    pub(super) async fn unit(&self, unit: Unit<'_>, turn: &Turn) -> Result<(), RunError> {
         let experiment = unit.planned.settings.experiment.as_ref();
-        let retries = experiment.map_or(0, |experiment| experiment.retries);
-        for _ in 0..=retries {
-            // What failed is a result, and is not tried until it succeeds.
-            let outcome = self.once(unit, lease).await?;
-            // Where all windows are there, another environment would measure none: what went wrong came after them.
-            if outcome != Outcome::Errored || self.wanted(unit).is_empty() || self.stop.is_requested() {
+        let mut retries = experiment.map_or(0, |experiment| experiment.retries);
+        let host = self.fleet.host(unit.host());
+        let nodes = host.as_ref().ok().and_then(|host| host.nodes());
+        let mut other_nodes = nodes.map_or(0, |nodes| nodes.slurm.attempts.saturating_sub(1));
+        loop {
+            let Work::Ended(ending) = self.once(unit, turn).await? else {
                 break;
+            };
+            // What failed is a result, and is not tried until it succeeds. Where all windows are there, another environment would
+            // measure none: what went wrong came after them.
+            if ending.outcome != Outcome::Errored || self.wanted(unit).is_empty() || self.stop.is_requested()
+            {
+                break;
+            }
+            let left = match ending.lost_its_node {
+                true => &mut other_nodes,
+                false => &mut retries,
+            };
+            match left.checked_sub(1) {
+                Some(one_less) => *left = one_less,
+                None => break,
             }
         }
         Ok(())
     }
 
-    async fn once(&self, unit: Unit<'_>, lease: &Mutex<Option<HostLease>>) -> Result<Outcome, RunError> {
+    async fn once(&self, unit: Unit<'_>, turn: &Turn) -> Result<Work, RunError> {
         let Unit { planned, round } = unit;
         let wanted = self.wanted(unit);
         self.events.emit(Event::ScenarioStarted {
@@ -221,11 +241,12 @@ impl Run<'_> {
             round: planned.round(round),
         })?;
         let attempted = match self.failed_fast(unit) {
-            Some(ending) => Ok(ending),
-            None => self.leased_attempts(unit, lease).await,
+            Some(ending) => Ok(Work::Ended(ending)),
+            None => self.in_turn(unit, turn).await,
         };
         let ending = match attempted {
-            Ok(ending) => ending,
+            Ok(Work::Ended(ending)) => ending,
+            Ok(Work::Left) => return Ok(Work::Left),
             Err(ScenarioError::Journal(error)) => return Err(error.into()),
             Err(trouble @ ScenarioError::StandsStill { .. }) if self.stop.is_requested() => Ending {
                 outcome: Outcome::Interrupted,
@@ -236,11 +257,11 @@ impl Run<'_> {
         self.events.emit(Event::ScenarioFinished {
             scenario: planned.slug.clone(),
             outcome: ending.outcome,
-            reason: ending.reason,
-            hint: ending.hint,
+            reason: ending.reason.clone(),
+            hint: ending.hint.clone(),
             round: planned.round(round),
         })?;
-        Ok(ending.outcome)
+        Ok(Work::Ended(ending))
     }
 
     /// That the scenario has ended with an earlier environment, if its experiment wants that.
@@ -262,19 +283,24 @@ impl Run<'_> {
         self.events.scenario(&unit.planned.slug).wanted(unit.windows())
     }
 
-    async fn leased_attempts(
-        &self,
-        unit: Unit<'_>,
-        lease: &Mutex<Option<HostLease>>,
-    ) -> Result<Ending, ScenarioError> {
-        match self.has_lease(unit, lease).await? {
-            true => self.attempts(unit).await,
-            false => Ok(Ending::of(Outcome::Interrupted, None, None)),
+    /// Works on a scenario when its turn on its host comes.
+    async fn in_turn(&self, unit: Unit<'_>, turn: &Turn) -> Result<Work, ScenarioError> {
+        match turn {
+            Turn::Host(lease) => match self.has_lease(unit, lease).await? {
+                true => self.attempts(unit, None).await,
+                false => Ok(Work::Ended(Ending::of(Outcome::Interrupted, None, None))),
+            },
+            // First come, first served: the scenarios come in the order of the plan.
+            Turn::Queue(queue) => self.attempts(unit, Some(queue.lock().await)).await,
         }
     }
 
     /// The environment that is still there, if any, then a new one for what is still wanted.
-    async fn attempts(&self, unit: Unit<'_>) -> Result<Ending, ScenarioError> {
+    async fn attempts(
+        &self,
+        unit: Unit<'_>,
+        mut submitting: Option<MutexGuard<'_, ()>>,
+    ) -> Result<Work, ScenarioError> {
         let Unit { planned, round } = unit;
         self.refuse_beside_another(unit).await?;
         let provider = self.fleet.provider(planned, unit.host())?;
@@ -283,11 +309,19 @@ impl Run<'_> {
             let request = self.request(unit, open.environment, open.windows);
             if open.discarding {
                 self.remove_remains(provider.as_ref(), &request).await?;
-            } else if let Some(ending) = self.take_up(provider.as_ref(), &request, unit).await? {
-                if ending.outcome == Outcome::Failed || self.stop.is_requested() {
-                    return Ok(ending);
+            } else {
+                match self
+                    .take_up(provider.as_ref(), &request, unit, &mut submitting)
+                    .await?
+                {
+                    Some(Work::Ended(ending))
+                        if ending.outcome != Outcome::Failed && !self.stop.is_requested() =>
+                    {
+                        taken_up = true;
+                    }
+                    Some(work) => return Ok(work),
+                    None => {}
                 }
-                taken_up = true;
             }
         }
         // Of one that was taken up all that is there was read when it was collected.
@@ -295,13 +329,39 @@ impl Run<'_> {
             let _nothing_is_measured_here = self.this_machine.read().await;
             self.inspect(&planned.slug, unit.windows()).await?;
         }
-        let windows = self.wanted(unit);
-        if windows.is_empty() {
-            return Ok(Ending::of(Outcome::Completed, None, None));
+        loop {
+            let mut windows = self.wanted(unit);
+            if windows.is_empty() {
+                return Ok(Work::Ended(Ending::of(Outcome::Completed, None, None)));
+            }
+            if self.stop.is_requested() {
+                return Ok(Work::Ended(Ending::of(Outcome::Interrupted, None, None)));
+            }
+            let all = windows.len();
+            if let Some(most) = provider.most_windows(&planned.settings).await? {
+                windows.truncate(most);
+            }
+            let is_last = windows.len() == all;
+            match self
+                .attempt(unit, provider.as_ref(), windows, &mut submitting)
+                .await?
+            {
+                // Those that did not fit into one environment are measured in another.
+                Work::Ended(ending) if ending.outcome == Outcome::Completed && !is_last => {}
+                work => return Ok(work),
+            }
         }
-        if self.stop.is_requested() {
-            return Ok(Ending::of(Outcome::Interrupted, None, None));
-        }
+    }
+
+    /// A new environment for these windows.
+    async fn attempt(
+        &self,
+        unit: Unit<'_>,
+        provider: &dyn Provider,
+        windows: Vec<u32>,
+        submitting: &mut Option<MutexGuard<'_, ()>>,
+    ) -> Result<Work, ScenarioError> {
+        let Unit { planned, round } = unit;
         self.check_host(unit, windows.len()).await?;
         let attempt = self.events.scenario(&planned.slug).attempts.saturating_add(1);
         let name = format!("matrix-{}-{}-{attempt}", self.name, planned.slug);
@@ -315,21 +375,27 @@ impl Run<'_> {
             round: planned.round(round),
         })?;
         let quiet = self.quiet(unit).await?;
-        match provider.create(&request).await {
+        let created = provider.create(&request).await;
+        drop(submitting.take());
+        match created {
             Ok(environment) => {
                 self.events.emit(Event::EnvironmentCreated {
                     scenario: planned.slug.clone(),
                     environment: request.environment.clone(),
                     facts: facts::of(environment.as_ref()),
                 })?;
-                self.measure(provider.as_ref(), environment, &request, quiet)
+                if self.leaves(unit) {
+                    return Ok(Work::Left);
+                }
+                self.measure(provider, environment, &request, quiet)
                     .await
+                    .map(Work::Ended)
             }
             Err(first) if self.keep.keeps(Outcome::Errored) => {
                 self.keep_environment(&request)?;
                 Err(first.into())
             }
-            Err(first) => match self.remove_remains(provider.as_ref(), &request).await {
+            Err(first) => match self.remove_remains(provider, &request).await {
                 Ok(()) => Err(first.into()),
                 Err(ScenarioError::Journal(error)) => Err(error.into()),
                 Err(second) => Err(ScenarioError::NotRemoved {
@@ -344,6 +410,10 @@ impl Run<'_> {
     /// two windows on one host disturb each other.
     async fn refuse_beside_another(&self, unit: Unit<'_>) -> Result<(), ScenarioError> {
         let planned = unit.planned;
+        // A job has its node for itself, and takes the node's lease.
+        if self.is_cluster(unit.host()) {
+            return Ok(());
+        }
         let state = self.events.state();
         let open = state.scenario(&planned.slug).round(unit.round).open;
         let own = open.map(|open| open.environment);
@@ -395,10 +465,10 @@ impl Run<'_> {
             hardware: hardware.as_deref(),
             os: os.as_deref(),
         };
-        // What this machine is was known when the run was planned.
+        // What this machine is was known when the run was planned. What a node is the job looks at.
         if let Some(contradiction) = claim
             .contradiction(&said.platform.machine, &said.platform.os)
-            .filter(|_| !is_here)
+            .filter(|_| !is_here && host.nodes().is_none())
         {
             return Err(ScenarioError::AnotherHost(contradiction));
         }
@@ -417,6 +487,11 @@ impl Run<'_> {
             }
         }
         Ok(())
+    }
+
+    /// Whether this process leaves the environment of a unit as soon as it is submitted.
+    fn leaves(&self, unit: Unit<'_>) -> bool {
+        self.patience == Patience::LeavesJobs && self.is_cluster(unit.host())
     }
 
     fn request(&self, unit: Unit<'_>, environment: String, windows: Vec<u32>) -> EnvironmentRequest {
@@ -438,7 +513,8 @@ impl Run<'_> {
         provider: &dyn Provider,
         request: &EnvironmentRequest,
         unit: Unit<'_>,
-    ) -> Result<Option<Ending>, ScenarioError> {
+        submitting: &mut Option<MutexGuard<'_, ()>>,
+    ) -> Result<Option<Work>, ScenarioError> {
         let quiet = self.quiet(unit).await?;
         let Some(environment) = provider.find(request).await? else {
             self.remove_remains(provider, request).await?;
@@ -449,9 +525,13 @@ impl Run<'_> {
             environment: request.environment.clone(),
             running: environment.running(),
         })?;
-        self.measure(provider, environment, request, quiet)
-            .await
-            .map(Some)
+        if environment.running() && self.leaves(unit) {
+            return Ok(Some(Work::Left));
+        }
+        // Others submit theirs while this one is waited for; what it leaves to measure is submitted after them.
+        drop(submitting.take());
+        let ending = self.measure(provider, environment, request, quiet).await?;
+        Ok(Some(Work::Ended(ending)))
     }
 
     /// Follows a workload to its end, collects what it measured and discards its environment.
@@ -481,7 +561,8 @@ impl Run<'_> {
             }
             ended => ended?,
         };
-        let ending = self.ending(heard.last, &ended, request);
+        let mut ending = self.ending(heard.last, &ended, request);
+        ending.lost_its_node = ended.lost_its_node;
         match self.keep.keeps(ending.outcome) {
             true => self.keep_environment(request)?,
             false => self.discard(environment, request).await?,
@@ -510,7 +591,8 @@ impl Run<'_> {
         // A command that failed after the last window, `restore`, may have left the host as no later scenario expects it.
         let went_wrong =
             request.settings.experiment.is_some() && matches!(last, Some(Progress::Failed { .. }));
-        if state.wanted(windows_of(request)).is_empty() && !went_wrong {
+        let is_there = |window: &u32| state.collected.contains_key(window);
+        if request.windows.iter().all(is_there) && !went_wrong {
             return Ending::of(Outcome::Completed, None, None);
         }
         match last {
@@ -557,8 +639,8 @@ impl Run<'_> {
         let mut silence = Silence::since(Instant::now());
         let scenario = || request.scenario.clone();
         loop {
-            let progress = tokio::select! {
-                progress = environment.next_progress() => progress,
+            let news = tokio::select! {
+                news = environment.next_news() => news,
                 () = self.stop.requested(), if !asked_to_stop => {
                     asked_to_stop = true;
                     silence.stop_was_asked(Instant::now());
@@ -569,6 +651,10 @@ impl Run<'_> {
                     continue;
                 }
                 () = sleep_until(silence.due()) => {
+                    if environment.may_be_silent() {
+                        silence.end(Instant::now());
+                        continue;
+                    }
                     match silence.go_on(Instant::now()) {
                         Step::Tell(lasted) => self.events.emit(Event::WorkloadSilent {
                             scenario: scenario(),
@@ -579,7 +665,7 @@ impl Run<'_> {
                     continue;
                 }
             };
-            if let Ok(Some(_)) = progress
+            if let Ok(Some(_)) = news
                 && let Some(lasted) = silence.end(Instant::now())
             {
                 self.events.emit(Event::WorkloadHeard {
@@ -587,10 +673,15 @@ impl Run<'_> {
                     after_s: lasted.as_secs(),
                 })?;
             }
-            match progress {
+            match news {
+                Ok(Some(News::Job(standing))) => self.events.emit(Event::JobChanged {
+                    scenario: scenario(),
+                    environment: request.environment.clone(),
+                    standing,
+                })?,
                 // One that was found again says everything again.
-                Ok(Some(progress)) if told.contains(&progress) => {}
-                Ok(Some(progress)) => {
+                Ok(Some(News::Workload(progress))) if told.contains(&progress) => {}
+                Ok(Some(News::Workload(progress))) => {
                     if progress.is_journaled() {
                         told.push(progress.clone());
                     }

@@ -7,7 +7,7 @@ use record::run_directory::{Manifest, PlanRecord, RunDirectory, RunState};
 use tokio::sync::RwLock;
 
 use super::{
-    Run, RunError,
+    Patience, Run, RunError,
     keep::Keep,
     run_index::{self, AtWork, Entry},
     stop::Stop,
@@ -27,6 +27,8 @@ pub struct Options {
     pub resumed: bool,
     /// Which environments stay.
     pub keep: Keep,
+    /// Whether jobs are waited for.
+    pub patience: Patience,
     /// Who watches.
     pub observers: Vec<Box<dyn Observer>>,
     /// The wish to stop.
@@ -148,6 +150,7 @@ pub async fn carry_out(
         fleet: providers,
         stop: options.stop,
         keep: options.keep,
+        patience: options.patience,
         this_machine: RwLock::default(),
     };
     run.execute(options.resumed).await?;

@@ -17,6 +17,7 @@ use std::{
 };
 
 use orchestrator::{
+    batch::Clusters,
     host::{Here, Host},
     provider::{
         Catalogue, Environment, EnvironmentRequest, Provider, ProviderSettings, docker::DockerSettings,
@@ -105,7 +106,8 @@ impl Platform {
         Self(Box::new(move || {
             let state = StateDirectory::new(state.path());
             let host: Arc<dyn Host> = Arc::new(Here::new(HOST, state.clone()));
-            kind.provider(&host, &settings, &state).unwrap()
+            kind.provider(&host, &settings, &state, &Clusters::default())
+                .unwrap()
         }))
     }
 

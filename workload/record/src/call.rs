@@ -34,6 +34,11 @@ const WORK: &str = "work";
 const FROM: &str = "from";
 const GRACE: &str = "grace";
 const BEAT: &str = "beat";
+const JOB: &str = "job";
+const NODE: &str = "node";
+const HARDWARE: &str = "hardware";
+const OS: &str = "os";
+const LEASE: &str = "lease";
 
 /// `workload run`: measures windows.
 #[derive(Debug, Clone, PartialEq, Eq, Args)]
@@ -73,8 +78,15 @@ pub enum Detached {
     /// The workload's supervisor, as `start` starts it. Standard input has the settings.
     #[command(hide = true, name = word::SUPERVISE)]
     Supervise(Which),
+    /// Make an environment for a job of a batch system, and start nothing. Standard input is that of `start`.
+    Prepare(Which),
+    /// Run the workload of a prepared environment, as the one process of its job, until it has ended. SIGTERM and SIGUSR1 end
+    /// it in order.
+    Job(Job),
     /// Print the workload's lines until it has ended.
     Follow(Follow),
+    /// Report what there is by now of an environment whose workload may run on another machine, and print the lines that are new.
+    Look(Follow),
     /// Report whether the workload runs, how it ended and what it printed last.
     Ended(Which),
     /// Ask the workload to end in order.
@@ -125,6 +137,29 @@ pub struct Follow {
     /// How many bytes of them are known already.
     #[arg(long = FROM, default_value_t = 0)]
     pub from: u64,
+}
+
+/// Which job.
+#[derive(Debug, Clone, PartialEq, Eq, Args)]
+pub struct Job {
+    /// Of which environment.
+    #[command(flatten)]
+    pub which: Which,
+    /// Its number, as the batch system has it.
+    #[arg(long = JOB)]
+    pub job: String,
+    /// The node that it runs on, as the batch system calls it.
+    #[arg(long = NODE)]
+    pub node: String,
+    /// The hardware that the node is said to have.
+    #[arg(long = HARDWARE)]
+    pub hardware: String,
+    /// The operating system that it is said to have.
+    #[arg(long = OS)]
+    pub os: String,
+    /// The file on the node whose lock says that somebody measures there.
+    #[arg(long = LEASE)]
+    pub lease: PathBuf,
 }
 
 /// What is removed, and how.
@@ -210,7 +245,10 @@ impl Detached {
         match self {
             Self::Start(_) => "start",
             Self::Supervise(_) => word::SUPERVISE,
+            Self::Prepare(_) => "prepare",
+            Self::Job(_) => JOB,
             Self::Follow(_) => "follow",
+            Self::Look(_) => "look",
             Self::Ended(_) => "ended",
             Self::Stop(_) => "stop",
             Self::Remove(_) => "remove",
@@ -228,11 +266,21 @@ impl Detached {
         let begun = Arguments::of(word::DETACHED).value(self.name());
         match self {
             Self::Start(which)
+            | Self::Prepare(which)
             | Self::Supervise(which)
             | Self::Ended(which)
             | Self::Stop(which)
             | Self::Collect(which) => begun.which(which),
-            Self::Follow(call) => begun.which(&call.which).option(FROM, call.from.to_string()),
+            Self::Job(call) => begun
+                .which(&call.which)
+                .option(JOB, &call.job)
+                .option(NODE, &call.node)
+                .option(HARDWARE, &call.hardware)
+                .option(OS, &call.os)
+                .option(LEASE, &call.lease),
+            Self::Follow(call) | Self::Look(call) => {
+                begun.which(&call.which).option(FROM, call.from.to_string())
+            }
             Self::Remove(call) => begun.which(&call.which).option(GRACE, call.grace.to_string()),
             Self::List(root) | Self::Platform(root) => begun.option(word::ROOT, &root.root),
             Self::RemoveBridge { name } => begun.value(name),
@@ -343,6 +391,11 @@ mod tests {
     #[case(Detached::Start(which()))]
     #[case(Detached::Supervise(which()))]
     #[case(Detached::Follow(Follow { which: which(), from: 7 }))]
+    #[case(Detached::Prepare(which()))]
+    #[case(Detached::Job(Job {
+        which: which(), job: "17".into(), node: "n1".into(), hardware: "x86_64".into(), os: "rocky-9".into(), lease: "/l".into()
+    }))]
+    #[case(Detached::Look(Follow { which: which(), from: 7 }))]
     #[case(Detached::Ended(which()))]
     #[case(Detached::Stop(which()))]
     #[case(Detached::Remove(Remove { which: which(), grace: TimeSpan::from_secs(3) }))]

@@ -9,7 +9,12 @@ use std::{
 use serde::{
     Deserialize, Deserializer, Serialize, Serializer,
     de::{self, value::MapAccessDeserializer},
+    ser::SerializeMap as _,
 };
+
+pub use self::slurm::{Nodes, Slurm, Submit};
+
+mod slurm;
 
 /// How a host is reached.
 #[derive(Debug, Clone, Default, PartialEq, Eq)]
@@ -19,14 +24,18 @@ pub enum Connection {
     Local,
     /// Over SSH.
     Ssh(Ssh),
+    /// It is any node that a Slurm cluster gives.
+    Slurm(Slurm),
 }
 
 impl Connection {
     /// Takes the files that it names from a folder, that of the matrix file, where they are not named from the root or from
     /// the user's home.
     pub fn name_files_from(&mut self, folder: &Path) {
-        let Self::Ssh(ssh) = self else {
-            return;
+        let ssh = match self {
+            Self::Local => return,
+            Self::Ssh(ssh) => ssh,
+            Self::Slurm(slurm) => return slurm.submit.name_files_from(folder),
         };
         for named in [&mut ssh.identity, &mut ssh.known_hosts] {
             if let Some(path) = named.as_mut().filter(|path| !path.starts_with("~")) {
@@ -176,6 +185,40 @@ impl schemars::JsonSchema for SshAddress {
     }
 }
 
+/// A connection as a mapping.
+#[derive(Deserialize)]
+#[serde(deny_unknown_fields)]
+struct Written {
+    ssh: Option<SshAddress>,
+    identity: Option<PathBuf>,
+    jump: Option<SshAddress>,
+    known_hosts: Option<PathBuf>,
+    slurm: Option<Slurm>,
+}
+
+impl Written {
+    fn connection(self) -> Result<Connection, &'static str> {
+        let has_keys_of_ssh = self.identity.is_some() || self.jump.is_some() || self.known_hosts.is_some();
+        match (self.ssh, self.slurm) {
+            (Some(address), None) => Ok(Connection::Ssh(Ssh {
+                address,
+                identity: self.identity,
+                jump: self.jump,
+                known_hosts: self.known_hosts,
+            })),
+            (None, Some(slurm)) if !has_keys_of_ssh => Ok(Connection::Slurm(slurm)),
+            (None, Some(_)) => Err(
+                "`identity`, `jump` and `known_hosts` are the submit host's: write them below `slurm.submit`",
+            ),
+            (Some(_), Some(_)) => Err(
+                "a host is reached in one way: write either `ssh` or `slurm`, and a submit host as `{slurm: {submit: {ssh: \
+                 user@host}}}`",
+            ),
+            (None, None) => Err("the way to the host is missing: write `{ssh: user@host}` or `{slurm: {}}`"),
+        }
+    }
+}
+
 impl<'de> Deserialize<'de> for Connection {
     fn deserialize<D: Deserializer<'de>>(deserializer: D) -> Result<Self, D::Error> {
         struct Visitor;
@@ -183,7 +226,7 @@ impl<'de> Deserialize<'de> for Connection {
             type Value = Connection;
 
             fn expecting(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-                f.write_str("`local` or `{ssh: user@host}`")
+                f.write_str("`local`, `{ssh: user@host}` or `{slurm: {}}`")
             }
 
             fn visit_str<E: de::Error>(self, text: &str) -> Result<Connection, E> {
@@ -193,7 +236,7 @@ impl<'de> Deserialize<'de> for Connection {
                         "an address stands here without the way to it: write `{{ssh: {address}}}`"
                     ))),
                     other => Err(E::custom(format_args!(
-                        "`{other}` is no way to reach a host: write `local` or `{{ssh: user@host}}`"
+                        "`{other}` is no way to reach a host: write `local`, `{{ssh: user@host}}` or `{{slurm: {{}}}}`"
                     ))),
                 }
             }
@@ -203,7 +246,9 @@ impl<'de> Deserialize<'de> for Connection {
             }
 
             fn visit_map<A: de::MapAccess<'de>>(self, map: A) -> Result<Connection, A::Error> {
-                Ssh::deserialize(MapAccessDeserializer::new(map)).map(Connection::Ssh)
+                Written::deserialize(MapAccessDeserializer::new(map))?
+                    .connection()
+                    .map_err(de::Error::custom)
             }
         }
         deserializer.deserialize_any(Visitor)
@@ -216,6 +261,11 @@ impl Serialize for Connection {
         match self {
             Self::Local => serializer.serialize_str("local"),
             Self::Ssh(ssh) => ssh.serialize(serializer),
+            Self::Slurm(slurm) => {
+                let mut map = serializer.serialize_map(Some(1))?;
+                map.serialize_entry("slurm", slurm)?;
+                map.end()
+            }
         }
     }
 }
@@ -228,9 +278,20 @@ impl schemars::JsonSchema for Connection {
 
     fn json_schema(generator: &mut schemars::SchemaGenerator) -> schemars::Schema {
         let ssh = generator.subschema_for::<Ssh>();
+        let slurm = generator.subschema_for::<Slurm>();
         schemars::json_schema!({
-            "description": "`local` for this machine, or how to reach it over SSH",
-            "anyOf": [{ "const": "local" }, ssh],
+            "description": "`local` for this machine, how to reach it over SSH, or how a Slurm cluster gives one",
+            "anyOf": [
+                { "const": "local" },
+                ssh,
+                {
+                    "type": "object",
+                    "description": "a node that a Slurm cluster gives; each scenario is a job",
+                    "properties": { "slurm": slurm },
+                    "required": ["slurm"],
+                    "additionalProperties": false,
+                },
+            ],
         })
     }
 }

@@ -84,6 +84,35 @@ pub struct Removed {
     pub removed: bool,
 }
 
+/// The job that an environment's workload runs in: `job.json`, made once, before anything runs. A second job of the same
+/// environment finds it and ends.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
+pub struct JobRecord {
+    /// The job's number, as the batch system has it.
+    pub job: String,
+    /// The node that it runs on, as the batch system calls it.
+    pub node: String,
+}
+
+/// What `look` answers. The lines follow it, at most [`Looked::MOST`] bytes of them.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
+pub struct Looked {
+    /// The job that the workload runs in, or ran in; none where none has begun.
+    pub job: Option<JobRecord>,
+    /// How the workload ended; none while it runs, and where nobody was left to see it end.
+    pub ended: Option<Ended>,
+    /// What the job wrote that is no line: the end of the workload's standard error and of the job's own, at most 64 KiB. What is
+    /// not UTF-8 is replaced.
+    pub last_words: String,
+    /// How many bytes of lines follow.
+    pub bytes: u64,
+}
+
+impl Looked {
+    /// So many bytes of lines follow at most; asked again, `look` sends what comes after them.
+    pub const MOST: u64 = 1 << 20;
+}
+
 /// What `list` answers: everything of ours on the host.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Listed {

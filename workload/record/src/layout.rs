@@ -33,6 +33,9 @@ pub const LINES: &str = "lines.jsonl";
 /// Whose a detached workload is ([`crate::detached::Owner`]).
 pub const OWNER: &str = "owner.json";
 
+/// What the batch system writes of a job that an environment's workload runs in.
+pub const JOB_OUTPUT: &str = "job.txt";
+
 /// What a node printed in a window, on standard output and on standard error.
 #[must_use]
 pub fn printed_by(node: &VirtualHost) -> [String; 2] {

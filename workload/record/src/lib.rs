@@ -5,8 +5,8 @@
 //!   [`topology`];
 //! - what the workload leaves behind, one module for each file or stream, with its format and units: [`window`],
 //!   [`control_log`], [`plant_log`], [`platform`], [`progress`], [`check`]; its exit codes are in [`exit`];
-//! - names: of files and folders in [`layout`], of axes in [`axis`], those that are safe in files in [`name`]; errors in words in
-//!   [`causes`];
+//! - names: of files and folders in [`layout`], of axes in [`axis`], those that are safe in files in [`name`]; what a host is said
+//!   to be in [`identity`]; errors in words in [`causes`];
 //! - how the workload is called: [`call`]; what `workload detached` reads and answers: [`detached`], and how it sends the data:
 //!   [`transfer`];
 //! - what a program needs of the kernel before it begins: [`limits`];
@@ -29,6 +29,7 @@ pub mod exit;
 pub mod experiment;
 #[cfg(feature = "run-directory")]
 pub mod family;
+pub mod identity;
 pub mod layout;
 pub mod limits;
 pub mod name;

@@ -48,7 +48,11 @@ fn is_running(folder: &EnvironmentFolder) -> Result<bool, DetachedError> {
     Ok(false)
 }
 
-fn last_words(path: &Path) -> io::Result<String> {
+/// The end of a file of words; empty where there is none.
+///
+/// # Errors
+/// When it cannot be read.
+pub fn last_words(path: &Path) -> io::Result<String> {
     let mut file = match folder::open(path) {
         // Of a workload that was never started.
         Err(error) if error.kind() == io::ErrorKind::NotFound => return Ok(String::new()),

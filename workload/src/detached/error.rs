@@ -6,7 +6,7 @@ use std::{
     time::Duration,
 };
 
-use record::{detached::Failure, transfer::SendError};
+use record::{detached::Failure, identity::IdentityMismatch, transfer::SendError};
 use rustix::io::Errno;
 
 use crate::{command_error::CommandError, network::NetworkError};
@@ -59,6 +59,25 @@ pub enum DetachedError {
         /// Where.
         root: PathBuf,
     },
+    /// Its folder was made for a workload that is started at once, or its settings are gone.
+    #[error("the environment {name} was not prepared for a job")]
+    Unprepared {
+        /// The environment's name.
+        name: String,
+    },
+    /// A job has begun to write there before.
+    #[error("the environment {environment} is that of job {job} on {node}")]
+    Claimed {
+        /// The environment's name.
+        environment: String,
+        /// That job's number.
+        job: String,
+        /// Its node.
+        node: String,
+    },
+    /// The node is another machine than was said.
+    #[error("{}", .0.reason)]
+    AnotherHost(IdentityMismatch),
     /// More was said to be there already than there is.
     #[error("{} has {length} bytes, and {there} are said to be there already", path.display())]
     Beyond {
@@ -168,6 +187,11 @@ impl DetachedError {
             Self::Root { .. } => "write the whole path, from `/` on",
             Self::Exists { .. } => "remove it first, or choose another name",
             Self::Missing { .. } => "`workload detached list` says which there are",
+            Self::Unprepared { .. } => "prepare it with `workload detached prepare`",
+            Self::Claimed { .. } => {
+                "an environment is measured once: `matrix` makes another one for the windows that are missing"
+            }
+            Self::AnotherHost(mismatch) => return Some(mismatch.fix.clone()),
             Self::Beyond { .. } | Self::Send(SendError::Beyond { .. }) => {
                 "the file has been written anew: ask for it from its beginning"
             }

@@ -3,6 +3,9 @@
 //! ```text
 //! <root>/<environment>/
 //!   owner.json    what it belongs to: Owner
+//!   settings.json what a job's workload is to do
+//!   job.json      the job that its workload runs in: JobRecord
+//!   job.txt       what the batch system writes of that job
 //!   lines.jsonl   the workload's standard output
 //!   errors.txt    its standard error
 //!   ended.json    how it ended: Ended
@@ -19,9 +22,10 @@ use std::{
 
 use record::{
     call::Folders,
-    detached::{Ended, Owner, UNFINISHED},
+    detached::{Ended, JobRecord, Owner, UNFINISHED},
     layout,
     name::is_name,
+    settings::Settings,
 };
 use rustix::fs::{Mode, OFlags};
 use serde::{Serialize, de::DeserializeOwned};
@@ -124,6 +128,61 @@ impl EnvironmentFolder {
             data: self.data(),
             work: self.path().join("work"),
         }
+    }
+
+    /// What the batch system writes of the job that its workload runs in.
+    #[must_use]
+    pub fn job_output(&self) -> PathBuf {
+        self.path().join(layout::JOB_OUTPUT)
+    }
+
+    fn settings_file(&self) -> PathBuf {
+        self.path().join("settings.json")
+    }
+
+    fn job_file(&self) -> PathBuf {
+        self.path().join("job.json")
+    }
+
+    /// Keeps what a job's workload is to do.
+    ///
+    /// # Errors
+    /// When it cannot be written.
+    pub fn write_settings(&self, settings: &Settings) -> Result<(), DetachedError> {
+        write_record(&self.settings_file(), settings)
+    }
+
+    /// What a job's workload is to do, if the folder was prepared for a job.
+    #[must_use]
+    pub fn settings(&self) -> Option<Settings> {
+        read_record(&self.settings_file())
+    }
+
+    /// The job that its workload runs in, or ran in.
+    #[must_use]
+    pub fn job(&self) -> Option<JobRecord> {
+        read_record(&self.job_file())
+    }
+
+    /// Makes the folder that job's, for ever: of two jobs that try, one fails, wherever they run.
+    ///
+    /// # Errors
+    /// When it is another job's, or the same job's that began before, or cannot be written.
+    pub fn claim(&self, job: &JobRecord) -> Result<(), DetachedError> {
+        let path = self.job_file();
+        let unfinished = path.with_extension(format!("json.{}.{}", job.job, process::id()));
+        write_record(&unfinished, job)?;
+        // A link is made once, also on NFS, where a file that is to be made exclusively was not always.
+        let linked = fs::hard_link(&unfinished, &path);
+        fs::remove_file(&unfinished).map_err(DetachedError::file("remove", &unfinished))?;
+        linked.map_err(|error| match (error.kind(), self.job()) {
+            (io::ErrorKind::AlreadyExists, Some(first)) => DetachedError::Claimed {
+                environment: self.environment.clone(),
+                job: first.job,
+                node: first.node,
+            },
+            _ => DetachedError::file("create", &path)(error),
+        })
     }
 
     fn ended_file(&self) -> PathBuf {
@@ -344,6 +403,32 @@ mod tests {
         assert_eq!(folder.ended(), Some(Ended::Signal(9)));
         let text = fs::read_to_string(folder.ended_file()).unwrap();
         assert_eq!(text.split_whitespace().collect::<String>(), r#"{"signal":9}"#);
+    }
+
+    #[test]
+    fn a_folder_is_one_jobs_for_ever() {
+        let root = tempfile::tempdir().unwrap();
+        let folder = create(root.path(), "e-1").unwrap();
+        let job = |job: &str, node: &str| JobRecord {
+            job: job.to_owned(),
+            node: node.to_owned(),
+        };
+        assert_eq!(folder.job(), None);
+        folder.claim(&job("17", "n1")).unwrap();
+        // The batch system began it anew, with the same number, while the first may go on.
+        for second in [job("17", "n2"), job("18", "n1")] {
+            let error = folder.claim(&second).unwrap_err();
+            assert!(
+                matches!(&error, DetachedError::Claimed { job, node, .. } if job == "17" && node == "n1"),
+                "{error}"
+            );
+        }
+        assert_eq!(folder.job(), Some(job("17", "n1")));
+        let files = fs::read_dir(folder.path()).unwrap().count();
+        assert_eq!(
+            files, 3,
+            "the owner, the data and the job, and nothing unfinished"
+        );
     }
 
     #[test]

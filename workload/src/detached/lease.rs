@@ -48,7 +48,7 @@ struct Held {
 }
 
 /// What happens to one who asks.
-enum Event {
+pub enum Event {
     Held(Option<Map<String, Value>>),
     Granted(File),
     Failed(DetachedError),
@@ -145,7 +145,10 @@ fn heard(beat: Duration) -> Result<Vec<u8>, DetachedError> {
 
 /// Waits for the lease; says who holds it, if it is held. Nobody else may open the file in this process: closing it once
 /// would release the record lock.
-fn take(path: &Path, request: &LeaseRequest, tell: &Sender<Event>) -> Result<File, DetachedError> {
+///
+/// # Errors
+/// When the file cannot be opened or locked.
+pub fn take(path: &Path, request: &LeaseRequest, tell: &Sender<Event>) -> Result<File, DetachedError> {
     let mut file = open(path).map_err(DetachedError::file("open", path))?;
     let mut told = false;
     loop {

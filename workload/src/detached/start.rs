@@ -1,4 +1,5 @@
-//! `start`: makes the environment, with the files of a user's experiment, and has a supervisor start its workload. The function is [`start`].
+//! `start` and `prepare`: make the environment, with the files of a user's experiment. The functions are [`start`], which has a
+//! supervisor start its workload, and [`prepare`], which leaves that to a job.
 
 use std::{
     env, fs,
@@ -24,16 +25,32 @@ const ACTION: &str = "start the supervisor";
 /// # Errors
 /// When there is an environment of that name already, or something refuses.
 pub fn start(folder: &EnvironmentFolder) -> Result<Started, DetachedError> {
+    make(folder, |folder, request| {
+        spawn(folder).and_then(|supervisor| hand_over(supervisor, request))
+    })
+}
+
+/// Makes the environment for a job, with the settings in it, and starts nothing. Where that fails, nothing is left.
+///
+/// # Errors
+/// When there is an environment of that name already, or something refuses.
+pub fn prepare(folder: &EnvironmentFolder) -> Result<(), DetachedError> {
+    make(folder, |folder, request| folder.write_settings(&request.settings))
+}
+
+/// Makes the environment that standard input describes and goes on with it.
+fn make<T>(
+    folder: &EnvironmentFolder,
+    then: impl FnOnce(&EnvironmentFolder, &Start) -> Result<T, DetachedError>,
+) -> Result<T, DetachedError> {
     let mut input = io::stdin().lock();
     let request: Start = stream::read_line(&mut input, "an owner and settings", MOST)?;
     let folder = folder.create(&request.owner)?;
-    let started = unpack(&folder, &request, input)
-        .and_then(|()| spawn(&folder))
-        .and_then(|supervisor| hand_over(supervisor, &request));
-    if started.is_err() {
+    let made = unpack(&folder, &request, input).and_then(|()| then(&folder, &request));
+    if made.is_err() {
         folder.remove()?;
     }
-    started
+    made
 }
 
 /// The files of a user's experiment follow the request.

@@ -29,6 +29,23 @@ pub fn supervise(folder: &EnvironmentFolder) -> Result<(), DetachedError> {
     // So that neither a terminal's hanging up nor its Ctrl-C reaches it, nor the workload, which is in it too.
     rustix::process::setsid().map_err(DetachedError::system("begin a session"))?;
     let settings: Settings = stream::read("settings", MOST)?;
+    attend(folder, &settings, |pid| {
+        // Whoever asked may be gone: that is what this is for.
+        let _ = stream::write_line(&mut io::stdout(), &Started { pid });
+        Ok(())
+    })
+    .map(drop)
+}
+
+/// Runs the workload of an environment to its end and writes that down. `started` is told its process number.
+///
+/// # Errors
+/// When the workload cannot be started, or its end not be written down.
+pub fn attend(
+    folder: &EnvironmentFolder,
+    settings: &Settings,
+    started: impl FnOnce(u32) -> Result<(), DetachedError>,
+) -> Result<Ended, DetachedError> {
     let windows = folder.owner().map(|owner| owner.windows).unwrap_or_default();
     let create = |path: &Path| File::create_new(path).map_err(DetachedError::file("create", path));
     let lines = create(&folder.lines())?;
@@ -39,7 +56,10 @@ pub fn supervise(folder: &EnvironmentFolder) -> Result<(), DetachedError> {
     let mut workload = env::current_exe()
         .and_then(|program| {
             Command::new(program)
-                .args(Run::of(folder.environment(), &settings, folder.folders(), &windows).arguments())
+                .args(Run::of(folder.environment(), settings, folder.folders(), &windows).arguments())
+                // Of a job's variables none may reach the experiment either.
+                .env_clear()
+                .current_dir("/")
                 .stdin(Stdio::null())
                 .stdout(lines)
                 .stderr(errors)
@@ -47,15 +67,16 @@ pub fn supervise(folder: &EnvironmentFolder) -> Result<(), DetachedError> {
         })
         .map_err(DetachedError::system("start the workload"))?;
     process::wait_until_found(&mut workload)?;
-    // Whoever asked may be gone: that is what this is for.
-    let _ = stream::write_line(&mut io::stdout(), &Started { pid: workload.id() });
+    started(workload.id())?;
     let status = workload
         .wait()
         .map_err(DetachedError::system("wait for the workload"))?;
     if let Some(descendants) = descendants {
         descendants.end_all().map_err(DetachedError::Command)?;
     }
-    folder.write_ended(ended(status))
+    let ended = ended(status);
+    folder.write_ended(ended)?;
+    Ok(ended)
 }
 
 fn ended(status: ExitStatus) -> Ended {

@@ -20,7 +20,7 @@ use crate::{
         command::options::OutputArguments,
         terminal::{self, CommandError},
     },
-    host::{self, Here, Host},
+    host::{self, Here, Host, Said},
     lease::{self, Holder},
     provider::{Catalogue, Leftover, Provider, ProviderError},
     run::run_index::{self, Entry},
@@ -137,8 +137,14 @@ fn hosts(entries: &[Entry], state: &StateDirectory) -> Vec<Asked> {
                 continue;
             };
             if !elsewhere.iter().any(|(known, _)| *known == connection) {
+                let said = Said {
+                    name: &host.name,
+                    connection,
+                    hardware: &host.hardware,
+                    os: &host.os,
+                };
                 let asked = Asked {
-                    host: host::of(&host.name, connection, state),
+                    host: host::of(said, state),
                     runs: Some(BTreeSet::new()),
                 };
                 elsewhere.push((connection, asked));

@@ -15,7 +15,7 @@ use crate::{
         command::{options::OutputArguments, report},
         completion,
         run_argument::run_argument,
-        session::{self, ProgressDisplay, RunOptions},
+        session::{self, Carried, JobArguments, ProgressDisplay, RunOptions},
         terminal::{self, CommandError},
     },
     provider::Catalogue,
@@ -35,6 +35,8 @@ pub struct ResumeArguments {
     /// Which environments to keep when they have done their work, for `matrix shell`.
     #[arg(long, value_enum, value_name = "WHEN", default_value = "never")]
     keep: Keep,
+    #[command(flatten)]
+    jobs: JobArguments,
     #[command(flatten)]
     pub(crate) output: OutputArguments,
 }
@@ -64,7 +66,7 @@ pub async fn execute(arguments: &ResumeArguments, catalogue: Catalogue) -> Resul
     } else {
         ProgressDisplay::Progress
     };
-    let exit = session::carry_out(
+    let carried = session::carry_out(
         &directory,
         &recorded.manifest,
         &recorded.plan,
@@ -74,10 +76,17 @@ pub async fn execute(arguments: &ResumeArguments, catalogue: Catalogue) -> Resul
             resumed: true,
             show,
             keep: arguments.keep,
+            patience: arguments.jobs.patience(),
         },
     )
     .await?;
-    report::after_run(&directory, exit, arguments.output)
+    match carried {
+        Carried::Out(exit) => report::after_run(&directory, exit, arguments.output),
+        Carried::Left(jobs) => {
+            session::print_left(directory.path(), jobs);
+            Ok(Exit::Done)
+        }
+    }
 }
 
 /// What `matrix resume` would do.

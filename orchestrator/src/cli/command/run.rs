@@ -18,7 +18,7 @@ use crate::{
     cli::{
         command::options::{OutputArguments, SelectionArguments},
         run_argument::RUNS,
-        session::{self, ProgressDisplay, RunOptions},
+        session::{self, Carried, JobArguments, ProgressDisplay, RunOptions},
         terminal::{self, CommandError},
     },
     experiment_files::ExperimentFiles,
@@ -46,6 +46,8 @@ pub struct RunArguments {
     /// Which environments to keep when they have done their work, for `matrix shell`.
     #[arg(long, value_enum, value_name = "WHEN", default_value = "never")]
     keep: Keep,
+    #[command(flatten)]
+    jobs: JobArguments,
     #[command(flatten)]
     pub(crate) output: OutputArguments,
 }
@@ -108,7 +110,7 @@ pub async fn execute(arguments: &RunArguments, catalogue: Catalogue) -> Result<E
     } else {
         ProgressDisplay::Progress
     };
-    let exit = session::carry_out(
+    let carried = session::carry_out(
         &directory,
         &manifest,
         record,
@@ -118,10 +120,17 @@ pub async fn execute(arguments: &RunArguments, catalogue: Catalogue) -> Result<E
             resumed: false,
             show,
             keep: arguments.keep,
+            patience: arguments.jobs.patience(),
         },
     )
     .await?;
-    report::after_run(&directory, exit, arguments.output)
+    match carried {
+        Carried::Out(exit) => report::after_run(&directory, exit, arguments.output),
+        Carried::Left(jobs) => {
+            session::print_left(directory.path(), jobs);
+            Ok(Exit::Done)
+        }
+    }
 }
 
 fn manifest(arguments: &RunArguments, planned: &Prepared) -> Result<Manifest, CommandError> {

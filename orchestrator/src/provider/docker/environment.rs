@@ -129,19 +129,11 @@ pub fn is_being_removed(state: &ContainerState) -> bool {
 fn judge(state: &ContainerState) -> Ended {
     if state.status == Some(ContainerStateStatusEnum::CREATED) {
         let why = state.error.as_deref().unwrap_or_default();
-        return Ended {
-            success: false,
-            how: format!("its container was never started {why}")
-                .trim_end()
-                .to_owned(),
-        };
+        return Ended::failed(format!("its container was never started {why}").trim_end());
     }
     let ended = Ended::by_exit_code(state.exit_code.unwrap_or(-1));
     if state.oom_killed == Some(true) {
-        return Ended {
-            success: false,
-            how: "killed by the kernel since the container had used up its memory".to_owned(),
-        };
+        return Ended::failed("killed by the kernel since the container had used up its memory");
     }
     ended
 }
@@ -154,10 +146,7 @@ fn ended_by_another(engine_was_lost: bool) -> Ended {
     } else {
         "somebody else, as `docker stop` does"
     };
-    Ended {
-        success: false,
-        how: format!("it was asked to end by {who}"),
-    }
+    Ended::failed(&format!("it was asked to end by {who}"))
 }
 
 #[async_trait]

@@ -307,7 +307,7 @@ impl Environment for FakeEnvironment {
         while self.next_progress().await?.is_some() {}
         self.must_have_ended().map(|end| Ended {
             success: end.success,
-            how: end.how.clone(),
+            ..Ended::failed(&end.how)
         })
     }
 

@@ -147,10 +147,7 @@ impl Environment for AfterOneWindow {
     }
 
     async fn ended(&mut self) -> Result<Ended, ProviderError> {
-        Ok(Ended {
-            success: false,
-            how: "killed by signal 9".to_owned(),
-        })
+        Ok(Ended::failed("killed by signal 9"))
     }
 
     async fn collect(&mut self, into: &Path) -> Result<(), ProviderError> {
@@ -235,15 +232,16 @@ async fn events(platform: impl Provider + 'static) -> Vec<Event> {
         fleet: &fleet,
         stop,
         keep: Keep::Never,
+        patience: Patience::default(),
         this_machine: RwLock::default(),
     };
-    let lease = Mutex::new(None);
+    let turn = Turn::on_host();
     let unit = Unit {
         planned: &plan.scenarios[0],
         round: 1,
     };
-    run.unit(unit, &lease).await.unwrap();
-    lease.into_inner().unwrap().give_back().await;
+    run.unit(unit, &turn).await.unwrap();
+    turn.end().await;
     drop(run);
     kept.iter().collect()
 }

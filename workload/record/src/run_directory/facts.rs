@@ -17,6 +17,14 @@ pub mod fact {
     pub const ENGINE_VERSION: &str = "engine_version";
     /// The id of a container's image.
     pub const IMAGE_ID: &str = "image_id";
+    /// The batch system whose job measured, with its version.
+    pub const BATCH_SYSTEM: &str = "batch_system";
+    /// The number of that job.
+    pub const JOB: &str = "job";
+    /// The node that a batch system gave, by its name there.
+    pub const NODE: &str = "node";
+    /// What the batch system was asked for: options of `sbatch`.
+    pub const JOB_WISHES: &str = "job_wishes";
     /// The version of libvirt.
     pub const LIBVIRT: &str = "libvirt";
     /// The provider's name. The record has it, too.

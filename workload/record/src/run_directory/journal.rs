@@ -93,6 +93,18 @@ pub enum Event {
         /// What the provider knows of it: engine version, image digest, …
         facts: serde_json::Map<String, serde_json::Value>,
     },
+    /// The job of an environment stands so in its batch system now.
+    JobChanged {
+        /// The scenario.
+        #[serde(deserialize_with = "name")]
+        scenario: String,
+        /// The environment.
+        #[serde(deserialize_with = "name")]
+        environment: String,
+        /// Where it stands.
+        #[serde(flatten)]
+        standing: JobStanding,
+    },
     /// An environment that an earlier process left was found again.
     EnvironmentFound {
         /// The scenario.
@@ -214,6 +226,24 @@ pub enum Event {
     RunFinished,
     /// The run was asked to stop; it can be resumed.
     RunInterrupted,
+}
+
+/// Where a job stands, in its batch system's own words.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
+pub struct JobStanding {
+    /// Its number.
+    pub job: String,
+    /// The system's word for its state, such as `PENDING`.
+    pub state: String,
+    /// Why it waits or has ended.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub reason: Option<String>,
+    /// The node that it runs or ran on.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub node: Option<String>,
+    /// When it began or may begin, in the cluster's time zone.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub start: Option<String>,
 }
 
 /// How a scenario ended.

@@ -6,7 +6,7 @@ use std::{
     ops::RangeInclusive,
 };
 
-use super::{Event, JournalEntry, Outcome, PlanRecord};
+use super::{Event, JobStanding, JournalEntry, Outcome, PlanRecord};
 use crate::progress::Progress;
 
 /// Where a run stands.
@@ -108,6 +108,8 @@ pub struct OpenEnvironment {
     pub windows: Vec<u32>,
     /// Whether its data had been collected and its removal had begun: there is nothing more in it to go on with.
     pub discarding: bool,
+    /// Where its job stood when that was told last; none of one that is no job.
+    pub job: Option<JobStanding>,
 }
 
 impl RunState {
@@ -164,6 +166,17 @@ impl RunState {
                 environment,
                 ..
             } => self.entry(scenario).made(environment, at),
+            Event::JobChanged {
+                scenario,
+                environment,
+                standing,
+            } => {
+                let rounds = self.entry(scenario).rounds.values_mut();
+                let open = rounds.filter_map(|round| round.open.as_mut());
+                for open in open.filter(|open| open.environment == *environment) {
+                    open.job = Some(standing.clone());
+                }
+            }
             Event::EnvironmentRecorded { scenario, sha256, .. } => {
                 self.entry(scenario).environment_sha256s.insert(sha256.clone());
             }
@@ -224,6 +237,7 @@ impl RunState {
                     begun: at.clone(),
                     windows: windows.clone(),
                     discarding: false,
+                    job: None,
                 });
             }
             Event::Workload { scenario, progress } => {

@@ -1,0 +1,121 @@
+//! What was last seen of a cluster's queue, for all who wait for a job of it. The main type is [`Queue`].
+//!
+//! A cluster is asked once for all jobs, and not more often than its users are used to: sites block those who ask all the time.
+
+use std::{sync::Arc, time::Duration};
+
+use tokio::{
+    sync::Mutex,
+    time::{Instant, sleep_until},
+};
+
+use super::{BatchSystem, Job};
+use crate::provider::ProviderError;
+
+/// How much longer than an answer took is waited until the next question.
+const TIMES_THE_ANSWER: u32 = 5;
+/// A cluster that does not answer is asked again after pauses that grow up to this.
+const LONGEST_PAUSE: Duration = Duration::from_secs(300);
+
+/// All jobs of this user, as they were at some time.
+#[derive(Debug, Clone)]
+pub struct Snapshot {
+    /// When the question was asked.
+    pub asked: Instant,
+    /// The jobs; of the last answer, where there was none.
+    pub jobs: Vec<Job>,
+    /// Why there was no answer, if there was none. That says nothing of the jobs.
+    pub silence: Option<String>,
+}
+
+impl Snapshot {
+    /// The job of that name: the last one submitted, of several.
+    #[must_use]
+    pub fn job(&self, name: &str) -> Option<&Job> {
+        self.jobs.iter().rev().find(|job| job.name == name)
+    }
+}
+
+/// Asks for all jobs, for all who want to know.
+pub struct Queue {
+    system: Arc<dyn BatchSystem>,
+    last: Mutex<Option<Last>>,
+}
+
+struct Last {
+    snapshot: Arc<Snapshot>,
+    /// How long the answer took.
+    took: Duration,
+    /// How many questions in a row were not answered.
+    unanswered: u32,
+}
+
+impl Last {
+    /// When the next question may be asked.
+    fn next(&self, apart: Duration) -> Instant {
+        let apart = match self.unanswered {
+            0 => apart.max(self.took * TIMES_THE_ANSWER),
+            times => apart
+                .saturating_mul(1 << times.min(10))
+                .min(LONGEST_PAUSE.max(apart)),
+        };
+        self.snapshot.asked + apart
+    }
+}
+
+impl Queue {
+    /// Of which nothing has been seen.
+    #[must_use]
+    pub fn new(system: Arc<dyn BatchSystem>) -> Self {
+        Self {
+            system,
+            last: Mutex::default(),
+        }
+    }
+
+    /// What the queue was after `since`. The cluster is asked only if nobody has asked since then, and questions are `apart` from
+    /// each other. Cancel-safe: who waits next asks.
+    pub async fn after(&self, since: Instant, apart: Duration) -> Arc<Snapshot> {
+        let mut last = self.last.lock().await;
+        if let Some(seen) = last.as_ref() {
+            if seen.snapshot.asked > since {
+                return Arc::clone(&seen.snapshot);
+            }
+            sleep_until(seen.next(apart)).await;
+        }
+        let asked = Instant::now();
+        let answer = self.system.jobs().await;
+        let seen = Last {
+            took: asked.elapsed(),
+            unanswered: match (&answer, last.as_ref()) {
+                (Ok(_), _) => 0,
+                (Err(_), before) => before.map_or(0, |before| before.unanswered).saturating_add(1),
+            },
+            snapshot: Arc::new(match answer {
+                Ok(jobs) => Snapshot {
+                    asked,
+                    jobs,
+                    silence: None,
+                },
+                Err(error) => Snapshot {
+                    asked,
+                    jobs: last
+                        .take()
+                        .map(|before| before.snapshot.jobs.clone())
+                        .unwrap_or_default(),
+                    silence: Some(record::causes::with_causes(&error)),
+                },
+            }),
+        };
+        Arc::clone(&last.insert(seen).snapshot)
+    }
+
+    /// What the queue is now, for what cannot wait: whether a job is there before it is submitted once more, or after it was taken
+    /// back.
+    ///
+    /// # Errors
+    /// When the cluster does not answer.
+    pub async fn now(&self) -> Result<Vec<Job>, ProviderError> {
+        self.system.jobs().await
+    }
+}

@@ -1,0 +1,168 @@
+//! The nodes of a Slurm cluster as one host. The main type is [`SlurmHost`].
+//!
+//! Which node measures is known when a job begins. Until then there is the submit host, which sees the same folder: programs are
+//! started there, and none of them is the workload.
+
+use std::{
+    path::{Path, PathBuf},
+    process,
+    sync::Arc,
+};
+
+use async_trait::async_trait;
+use record::connection::{Connection, Slurm, SshAddress};
+use tokio::net::UnixStream;
+
+use super::{
+    Deployed, Host, HostError, Listener, Program, RunningProgram,
+    script::{Installed, NotInstalled, Shell},
+};
+use crate::{lease, state_directory::StateDirectory, workload_binary::machine::Machine};
+
+/// What a job runs: the words after the script's are the workload, its root, its environment, the hardware and the operating system
+/// that are said, and the file of the node's lease. Not one of them is in the script's text.
+const JOB: &str = r#"#!/bin/sh
+# matrix: the workload of one environment.
+exec "$1" detached job --root "$2" --environment "$3" --hardware "$4" --os "$5" --lease "$6" \
+    --job "${SLURM_JOB_ID:?}" --node "${SLURMD_NODENAME:?}"
+"#;
+
+/// What the submit host is, and where a state directory of `matrix` is there.
+const LOOK: &str = r#"
+case ${HOME-} in /*) state=$HOME/.local/state/matrix ;; *) state=/var/lib/matrix ;; esac
+printf '%s\n' "$(uname -m)" "$state"
+"#;
+
+/// The nodes that a matrix file means.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct SlurmNodes {
+    /// How they are asked for.
+    pub slurm: Slurm,
+    /// Their hardware, as it is said.
+    pub hardware: String,
+    /// Their operating system, as it is said.
+    pub os: String,
+}
+
+/// What a job runs.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct JobPrograms {
+    /// The script.
+    pub script: PathBuf,
+    /// The workload for the nodes' hardware.
+    pub workload: PathBuf,
+    /// Its SHA-256, in hexadecimal.
+    pub workload_sha256: String,
+}
+
+/// A cluster's nodes, behind its submit host.
+pub struct SlurmHost {
+    submit: Arc<dyn Host>,
+    nodes: SlurmNodes,
+    state: StateDirectory,
+}
+
+impl SlurmHost {
+    /// Those nodes, with the files of jobs in this state directory where the submit host is this machine and no `root` is said.
+    #[must_use]
+    pub fn new(submit: Arc<dyn Host>, nodes: SlurmNodes, state: StateDirectory) -> Self {
+        Self { submit, nodes, state }
+    }
+
+    /// The submit host's machine, and the folder that the nodes see too.
+    async fn look(&self) -> Result<(Machine, PathBuf), HostError> {
+        let shell = Shell::Plain(self.submit.as_ref());
+        let said = shell.run(LOOK, &[], &[]).await?;
+        let lines: Vec<&str> = said.lines().collect();
+        let [machine, state] = lines.as_slice() else {
+            return Err(shell.refused(NotInstalled::Answer(said.trim().to_owned())));
+        };
+        let machine = machine
+            .parse()
+            .map_err(|error| shell.refused(NotInstalled::Machine(error)))?;
+        let root = match (&self.nodes.slurm.root, self.nodes.slurm.submit.connection()) {
+            (Some(root), _) => root.clone(),
+            (None, Connection::Local) => self.state.path().to_owned(),
+            (None, _) => PathBuf::from(state),
+        };
+        Ok((machine, root))
+    }
+
+    async fn install(&self, root: &Path, machine: Machine) -> Result<Installed, HostError> {
+        let shell = Shell::Plain(self.submit.as_ref());
+        let workload = machine
+            .workload()
+            .map_err(|error| shell.refused(NotInstalled::Workload(error)))?;
+        shell.install(&root.join("bin"), "workload", &workload).await
+    }
+}
+
+/// Puts what a job runs where the nodes see it, if it is not there yet.
+///
+/// # Errors
+/// When there is no workload for the hardware that is said, or the submit host cannot be reached or refuses.
+pub async fn install(host: &dyn Host, nodes: &SlurmNodes) -> Result<JobPrograms, HostError> {
+    let shell = Shell::Plain(host);
+    // Beside the submit host's own.
+    let own = host.deploy().await?;
+    let bin = own.program.parent().unwrap_or(Path::new("/"));
+    let installed = match nodes.hardware.parse::<Machine>().ok() {
+        Some(machine) => {
+            let workload = machine
+                .workload()
+                .map_err(|error| shell.refused(NotInstalled::Workload(error)))?;
+            shell.install(bin, "workload", &workload).await?
+        }
+        // A name of the user's own says nothing of the machine.
+        None => Installed {
+            file: own.program.clone(),
+            sha256: own.sha256,
+        },
+    };
+    let script = shell.install(bin, "job", JOB.as_bytes()).await?;
+    Ok(JobPrograms {
+        script: script.file,
+        workload: installed.file,
+        workload_sha256: installed.sha256,
+    })
+}
+
+#[async_trait]
+impl Host for SlurmHost {
+    fn name(&self) -> &str {
+        self.submit.name()
+    }
+
+    fn nodes(&self) -> Option<&SlurmNodes> {
+        Some(&self.nodes)
+    }
+
+    async fn start(&self, program: &Program) -> Result<RunningProgram, HostError> {
+        self.submit.start(program).await
+    }
+
+    async fn connect(&self, listener: &Listener) -> Result<UnixStream, HostError> {
+        self.submit.connect(listener).await
+    }
+
+    /// That for the submit host, which sees to the folders of environments.
+    async fn deploy(&self) -> Result<Deployed, HostError> {
+        let (machine, root) = self.look().await?;
+        let installed = self.install(&root, machine).await?;
+        Ok(Deployed {
+            program: installed.file,
+            sha256: installed.sha256,
+            // Not among those of the submit host, of which each has its process there.
+            environments: root.join("jobs"),
+            lease: PathBuf::from(lease::OF_A_MACHINE),
+        })
+    }
+
+    fn terminal(&self, program: &Program) -> process::Command {
+        self.submit.terminal(program)
+    }
+
+    fn machine_behind(&self, name: &str, address: SshAddress, identity: PathBuf) -> Arc<dyn Host> {
+        self.submit.machine_behind(name, address, identity)
+    }
+}

@@ -1,0 +1,470 @@
+//! Each environment is a job of a batch system: whole node, once, and in need of nobody while it measures. The main type is
+//! [`Jobs`].
+//!
+//! ```text
+//! create:   folder on the shared file system ── prepare; then sbatch, after the job before it
+//! measure:  the node ── workload detached job ──> the folder         no matrix has to live
+//!           submit host ── squeue, once for all jobs; look ──> lines, the end
+//! collect, remove: as on any host, on the submit host
+//! ```
+//!
+//! A job is never requeued: the batch system would begin it on another node under the same number while the first may go on, and two
+//! would write to one folder. What is missing is measured in another environment, by another job.
+
+mod environment;
+mod time;
+
+use std::{
+    collections::{BTreeSet, VecDeque},
+    sync::{Arc, Mutex, PoisonError},
+    time::Duration,
+};
+
+use async_trait::async_trait;
+use record::{
+    axis::NATIVE,
+    connection::Nodes,
+    detached::ListedEnvironment,
+    layout,
+    run_directory::{EnvironmentRecord, Resource, RunDirectory, RunRecords, fact},
+    settings::Settings,
+    window::WindowRecord,
+};
+use serde_json::{Map, Value, json};
+use tokio::{
+    sync::OnceCell,
+    time::{Instant, sleep},
+};
+
+use self::environment::JobEnvironment;
+use super::{
+    Availability, Environment, EnvironmentRequest, Leftover, Provider, ProviderError, backoff,
+    detached::{AgentClient, DIRECTORY},
+};
+use crate::{
+    batch::{Cluster, Clusters, Job, JobOwner, JobRequest},
+    host::{
+        Host, Program,
+        slurm::{self, JobPrograms, SlurmNodes},
+    },
+};
+
+/// The kind of what the batch system has of an environment.
+const JOB: &str = "job";
+/// How long a job may take to go once it was taken back: the batch system waits for its processes.
+const GONE_WITHIN: Duration = Duration::from_secs(120);
+/// How often that is looked at.
+const GONE_YET: Duration = Duration::from_secs(2);
+
+impl Memory {
+    /// The job whose end the next one waits for, so that no more than `at_once` run at the same time.
+    fn before_the_next(&self, at_once: usize) -> Option<&String> {
+        self.submitted.get(self.submitted.len().checked_sub(at_once)?)
+    }
+
+    fn submit(&mut self, job: String, at_once: usize) {
+        self.submitted.push_back(job);
+        let surplus = self.submitted.len().saturating_sub(at_once);
+        self.submitted.drain(..surplus);
+    }
+}
+
+/// The nodes of a cluster that a host stands for.
+pub struct Jobs {
+    provider: &'static str,
+    host: Arc<dyn Host>,
+    nodes: SlurmNodes,
+    agent: Arc<AgentClient>,
+    cluster: Arc<Cluster>,
+    programs: OnceCell<JobPrograms>,
+    version: OnceCell<String>,
+    /// The one node of a run whose nodes are to be one.
+    node: OnceCell<Option<String>>,
+    memory: Arc<Mutex<Memory>>,
+}
+
+/// What was learnt while this process lives.
+#[derive(Debug, Default)]
+struct Memory {
+    /// The last jobs, in the order in which they were submitted.
+    submitted: VecDeque<String>,
+    /// Nodes that failed while they measured.
+    lost: BTreeSet<String>,
+}
+
+impl Jobs {
+    /// Of the provider of that name, on a host that stands for nodes.
+    #[must_use]
+    pub fn new(
+        provider: &'static str,
+        host: &Arc<dyn Host>,
+        nodes: &SlurmNodes,
+        clusters: &Clusters,
+    ) -> Self {
+        Self {
+            provider,
+            host: Arc::clone(host),
+            nodes: nodes.clone(),
+            agent: Arc::new(AgentClient::new(Arc::clone(host))),
+            cluster: clusters.of(&nodes.slurm, host),
+            programs: OnceCell::new(),
+            version: OnceCell::new(),
+            node: OnceCell::new(),
+            memory: Arc::default(),
+        }
+    }
+
+    async fn programs(&self) -> Result<&JobPrograms, ProviderError> {
+        let install = || slurm::install(self.host.as_ref(), &self.nodes);
+        Ok(self.programs.get_or_try_init(install).await?)
+    }
+
+    async fn version(&self) -> Result<&String, ProviderError> {
+        self.version
+            .get_or_try_init(|| self.cluster.system.version())
+            .await
+    }
+
+    async fn job_request(&self, request: &EnvironmentRequest) -> Result<JobRequest, ProviderError> {
+        let programs = self.programs().await?;
+        let deployed = self.agent.deployed().await?;
+        let longest = self.cluster.system.longest_minutes(&self.nodes.slurm).await?;
+        let folder = deployed.environments.join(&request.environment);
+        Ok(JobRequest {
+            name: request.environment.clone(),
+            owner: JobOwner {
+                run: request.run.clone(),
+                host: request.host.clone(),
+                scenario: request.scenario.clone(),
+            },
+            wishes: self.nodes.slurm.clone(),
+            script: programs.script.clone(),
+            arguments: [
+                programs.workload.as_os_str(),
+                deployed.environments.as_os_str(),
+                request.environment.as_ref(),
+                self.nodes.hardware.as_ref(),
+                self.nodes.os.as_ref(),
+                deployed.lease.as_os_str(),
+            ]
+            .map(Into::into)
+            .into(),
+            output: folder.join(layout::JOB_OUTPUT),
+            minutes: time::minutes(&request.settings, request.windows.len(), longest),
+            after: None,
+            node: None,
+            not_on: BTreeSet::new(),
+        })
+    }
+
+    /// A job that nothing but the cluster stands in the way of, to ask about.
+    async fn any_job(&self) -> Result<JobRequest, ProviderError> {
+        let longest = self.cluster.system.longest_minutes(&self.nodes.slurm).await?;
+        Ok(JobRequest {
+            name: "matrix-plan".to_owned(),
+            owner: JobOwner {
+                run: "plan".to_owned(),
+                host: self.agent.host().to_owned(),
+                scenario: "any".to_owned(),
+            },
+            wishes: self.nodes.slurm.clone(),
+            script: "/".into(),
+            arguments: Vec::new(),
+            output: "/dev/null".into(),
+            minutes: longest.unwrap_or(10).min(10),
+            after: None,
+            node: None,
+            not_on: BTreeSet::new(),
+        })
+    }
+
+    /// The one node on which a run measures all scenarios of this host: where it has measured, or is to measure, or else where a job
+    /// would run soonest. None where any node will do.
+    async fn one_node(
+        &self,
+        request: &EnvironmentRequest,
+        job: &JobRequest,
+    ) -> Result<Option<String>, ProviderError> {
+        if self.nodes.slurm.nodes != Nodes::One {
+            return Ok(None);
+        }
+        let find = || async {
+            let queue = self.cluster.queue.now().await?;
+            let is_of_run = |job: &&Job| {
+                let owner = job.owner.as_ref();
+                owner.is_some_and(|owner| (&owner.run, &owner.host) == (&request.run, &request.host))
+            };
+            let queued = queue
+                .iter()
+                .filter(is_of_run)
+                .find_map(|job| job.wanted_node.clone());
+            Ok::<_, ProviderError>(match queued.or_else(|| measured_on(request)) {
+                Some(node) => Some(node),
+                None => self.cluster.system.forecast(job).await?.node,
+            })
+        };
+        let node = self.node.get_or_try_init(find).await?.clone();
+        let lost = &self.remembered().lost;
+        Ok(node.filter(|node| !lost.contains(node)))
+    }
+
+    fn at_once(&self) -> usize {
+        usize::try_from(self.nodes.slurm.at_once.max(1)).unwrap_or(1)
+    }
+
+    fn remembered(&self) -> std::sync::MutexGuard<'_, Memory> {
+        // It is whole whenever the lock is free, also after a panic.
+        self.memory.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+
+    async fn environment(
+        &self,
+        request: &EnvironmentRequest,
+        job: Option<String>,
+        running: bool,
+    ) -> Result<Box<dyn Environment>, ProviderError> {
+        let mut facts = Map::from_iter([
+            (fact::PROVIDER.to_owned(), json!(self.provider)),
+            (
+                fact::WORKLOAD_SHA256.to_owned(),
+                json!(self.programs().await?.workload_sha256),
+            ),
+            (fact::BATCH_SYSTEM.to_owned(), json!(self.version().await?)),
+            (fact::JOB_WISHES.to_owned(), json!(self.nodes.slurm.wishes())),
+        ]);
+        facts.extend(job.clone().map(|job| (fact::JOB.to_owned(), Value::String(job))));
+        Ok(Box::new(JobEnvironment::new(
+            environment::Parts {
+                agent: Arc::clone(&self.agent),
+                cluster: Arc::clone(&self.cluster),
+                slurm: self.nodes.slurm.clone(),
+                memory: Arc::clone(&self.memory),
+            },
+            request,
+            facts,
+            job,
+            running,
+        )))
+    }
+
+    /// The folders of this provider, of whichever host on this file system. What has no owner on record is `native`'s to remove.
+    async fn listed(&self) -> Result<Vec<ListedEnvironment>, ProviderError> {
+        let listed = self.agent.list().await?.environments;
+        let is_ours = |it: &ListedEnvironment| match &it.owner {
+            Some(owner) => owner.provider == self.provider,
+            None => self.provider == NATIVE,
+        };
+        Ok(listed.into_iter().filter(is_ours).collect())
+    }
+
+    /// Takes a job back and waits until it is gone: what it runs writes to the folder until then.
+    async fn end(&self, name: &str) -> Result<(), ProviderError> {
+        end(&self.cluster, name).await
+    }
+}
+
+/// Takes the jobs of that name back and waits until they are gone.
+async fn end(cluster: &Cluster, name: &str) -> Result<(), ProviderError> {
+    let begun = Instant::now();
+    loop {
+        let jobs = backoff::retried(|| cluster.queue.now()).await?;
+        let alive: Vec<&Job> = jobs
+            .iter()
+            .filter(|job| job.name == name && job.standing.is_alive())
+            .collect();
+        if alive.is_empty() {
+            return Ok(());
+        }
+        if begun.elapsed() > GONE_WITHIN {
+            return Err(ProviderError::TimedOut {
+                action: format!("taking the job {name} back"),
+                after: GONE_WITHIN,
+            });
+        }
+        for job in alive {
+            backoff::retried(|| cluster.system.cancel(&job.id)).await?;
+        }
+        sleep(GONE_YET).await;
+    }
+}
+
+fn resource(host: &str, kind: &str, name: &str) -> Resource {
+    Resource {
+        host: host.to_owned(),
+        kind: kind.to_owned(),
+        name: name.to_owned(),
+    }
+}
+
+/// The node of an environment of this run and host that was collected.
+fn measured_on(request: &EnvironmentRequest) -> Option<String> {
+    let directory = RunDirectory::new(request.run_directory.clone());
+    let plan = RunRecords::read(&directory).ok()?.plan;
+    plan.scenarios.iter().find_map(|planned| {
+        let text = directory
+            .environment(&planned.slug)
+            .read(WindowRecord::MOST_BYTES)
+            .ok()?;
+        let record: EnvironmentRecord = serde_json::from_slice(&text).ok()?;
+        let is_here = record.host == request.host;
+        let node = record.facts.get(fact::NODE).filter(|_| is_here)?;
+        node.as_str().map(str::to_owned)
+    })
+}
+
+#[async_trait]
+impl Provider for Jobs {
+    fn name(&self) -> &'static str {
+        self.provider
+    }
+
+    async fn survey(&self) -> Availability {
+        let asking = async {
+            let version = self.version().await?;
+            let forecast = self.cluster.system.forecast(&self.any_job().await?).await?;
+            // Whether there is a workload for the nodes is known before anything is submitted.
+            self.programs().await?;
+            Ok::<_, ProviderError>(match (forecast.node, forecast.start) {
+                (Some(node), Some(start)) => format!("{version}, a job would start at {start} on {node}"),
+                (_, Some(start)) => format!("{version}, a job would start at {start}"),
+                _ => version.clone(),
+            })
+        };
+        match asking.await {
+            Ok(detail) => Availability::Available { detail },
+            Err(error) => Availability::prevented_by(error),
+        }
+    }
+
+    fn resources(&self, request: &EnvironmentRequest) -> Vec<Resource> {
+        [DIRECTORY, JOB]
+            .map(|kind| resource(&request.host, kind, &request.environment))
+            .into()
+    }
+
+    async fn create(&self, request: &EnvironmentRequest) -> Result<Box<dyn Environment>, ProviderError> {
+        let mut job = self.job_request(request).await?;
+        job.node = self.one_node(request, &job).await?;
+        {
+            let memory = self.remembered();
+            job.after = memory.before_the_next(self.at_once()).cloned();
+            job.not_on.clone_from(&memory.lost);
+        }
+        self.agent.prepare(self.provider, request).await?;
+        let number = self.cluster.system.submit(&job).await?;
+        self.remembered().submit(number.clone(), self.at_once());
+        self.environment(request, Some(number), true).await
+    }
+
+    async fn find(
+        &self,
+        request: &EnvironmentRequest,
+    ) -> Result<Option<Box<dyn Environment>>, ProviderError> {
+        let name = &request.environment;
+        let is_it = |it: &ListedEnvironment| it.environment == *name;
+        if !self.agent.list().await?.environments.iter().any(is_it) {
+            return Ok(None);
+        }
+        // Whoever asks goes on waiting for jobs anyway: one question for all that are looked for.
+        let asked = Instant::now()
+            .checked_sub(Duration::from_secs(1))
+            .unwrap_or_else(Instant::now);
+        let seen = self.cluster.queue.after(asked, Duration::ZERO).await;
+        let job = seen.job(name);
+        if job.is_none()
+            && let Some(silence) = &seen.silence
+        {
+            return Err(ProviderError::Unreachable {
+                platform: format!("the batch system of host `{}`", self.agent.host()),
+                hint: Some("wait until it answers: its jobs go on without it".to_owned()),
+                source: silence.clone().into(),
+            });
+        }
+        let running = job.is_some_and(|job| job.standing.is_alive());
+        if let Some(job) = job.filter(|_| running) {
+            self.remembered().submit(job.id.clone(), self.at_once());
+        }
+        let (looked, _) = self.agent.look(name, 0).await?;
+        let number = job.map(|job| job.id.clone()).or(looked.job.map(|job| job.job));
+        match number {
+            Some(_) => self.environment(request, number, running).await.map(Some),
+            // It was prepared and never submitted, or its job never began and is forgotten: there is nothing in it.
+            None => Ok(None),
+        }
+    }
+
+    async fn shell(&self, environment: &str) -> Result<Program, ProviderError> {
+        let (looked, _) = self.agent.look(environment, 0).await?;
+        let jobs = self.cluster.queue.now().await?;
+        let job = jobs
+            .iter()
+            .find(|job| job.name == environment && job.standing.is_alive());
+        match job.filter(|_| looked.job.is_some()) {
+            Some(job) => Ok(Program::new(
+                "srun",
+                ["--jobid", &job.id, "--overlap", "--pty", "sh", "-l"],
+            )),
+            None => Err(ProviderError::NotFound {
+                what: format!("a running job of {environment}"),
+            }),
+        }
+    }
+
+    async fn most_windows(&self, settings: &Settings) -> Result<Option<usize>, ProviderError> {
+        let longest = self.cluster.system.longest_minutes(&self.nodes.slurm).await?;
+        longest
+            .map(|minutes| {
+                time::most_windows(settings, minutes).ok_or_else(|| ProviderError::Unsupported {
+                    provider: format!("the partition of host `{}`", self.agent.host()),
+                    reason: format!(
+                        "a job may take {minutes} min there, and one window takes {} with what goes before and after it",
+                        humantime::format_duration(time::of_windows(settings, 1))
+                    ),
+                    hint: Some(
+                        "write a shorter `workload.window`, or a `partition` that allows more time: `sinfo -o '%P %l'`".to_owned(),
+                    ),
+                })
+            })
+            .transpose()
+    }
+
+    async fn leftovers(&self) -> Result<Vec<Leftover>, ProviderError> {
+        let jobs = self.cluster.queue.now().await?;
+        let is_alive = |name: &str| jobs.iter().any(|job| job.name == name && job.standing.is_alive());
+        let listed = self.listed().await?;
+        // By the host's own name, so that what two hosts of a cluster list is one.
+        let host = |it: &ListedEnvironment| {
+            let owner = it.owner.as_ref();
+            owner.map_or_else(|| self.agent.host().to_owned(), |owner| owner.host.clone())
+        };
+        let folders = listed.iter().map(|it| Leftover {
+            resource: resource(&host(it), DIRECTORY, &it.environment),
+            run: it.owner.as_ref().map(|owner| owner.run.clone()),
+            run_directory: it.owner.as_ref().map(|owner| owner.run_directory.clone()),
+            scenario: it.owner.as_ref().map(|owner| owner.scenario.clone()),
+            running: is_alive(&it.environment),
+        });
+        // A job whose folder is gone is ours by its name and its comment.
+        let is_listed = |name: &str| listed.iter().any(|it| it.environment == name);
+        let without = jobs
+            .iter()
+            .filter(|job| job.standing.is_alive() && !is_listed(&job.name));
+        let without = without.filter_map(|job| {
+            let owner = job.owner.as_ref().filter(|_| self.provider == NATIVE)?;
+            Some(Leftover {
+                resource: resource(&owner.host, JOB, &job.name),
+                run: Some(owner.run.clone()),
+                run_directory: None,
+                scenario: Some(owner.scenario.clone()),
+                running: true,
+            })
+        });
+        Ok(folders.chain(without).collect())
+    }
+
+    async fn remove(&self, leftover: &Leftover) -> Result<(), ProviderError> {
+        let name = &leftover.resource.name;
+        self.end(name).await?;
+        self.agent.remove(name).await.map(drop)
+    }
+}

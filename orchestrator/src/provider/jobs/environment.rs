@@ -1,0 +1,338 @@
+//! An environment that a job measures, seen from where it was submitted. The main type is [`JobEnvironment`].
+
+use std::{
+    path::Path,
+    sync::{Arc, Mutex, PoisonError},
+    time::Duration,
+};
+
+use async_trait::async_trait;
+use record::{
+    connection::Slurm,
+    detached::{self, Looked},
+    progress::Progress,
+    run_directory::{JobStanding, fact},
+};
+use serde_json::{Map, Value};
+use tokio::time::Instant;
+
+use super::{Memory, end};
+use crate::{
+    batch::{Cluster, Job, Standing},
+    provider::{
+        Ended, Environment, EnvironmentRequest, News, ProviderError,
+        backoff::{Backoff, retried},
+        data_folder::Allowance,
+        detached::{AgentClient, transfer},
+        lines::Lines,
+    },
+};
+
+/// How often a job that was asked to end is looked at. Somebody waits for it.
+const ENDING: Duration = Duration::from_secs(1);
+/// Whoever runs the cluster could fill the journal with changes of a job's state.
+const MOST_CHANGES: u32 = 200;
+
+/// What an environment needs of its provider.
+pub struct Parts {
+    /// What is called on the submit host.
+    pub agent: Arc<AgentClient>,
+    /// Where the job is.
+    pub cluster: Arc<Cluster>,
+    /// How the nodes are asked for.
+    pub slurm: Slurm,
+    /// What the provider has learnt.
+    pub(super) memory: Arc<Mutex<Memory>>,
+}
+
+/// An environment of a job.
+pub struct JobEnvironment {
+    parts: Parts,
+    environment: String,
+    allowance: Allowance,
+    facts: Map<String, Value>,
+    /// The job's number, which it has from when it was submitted.
+    job: Option<String>,
+    /// Whether its job was in the queue when it was submitted or found.
+    ran: bool,
+    /// When it was looked at last.
+    seen: Instant,
+    told: Option<JobStanding>,
+    changes: u32,
+    lines: Lines,
+    /// How many bytes of its lines have come.
+    received: u64,
+    looked: Option<Looked>,
+    /// Since when its job is over without a word of how its workload ended, and how the job is.
+    over: Option<(Instant, Over)>,
+    /// Whether these are all the lines there will ever be.
+    complete: bool,
+    asked_to_stop: bool,
+    backoff: Backoff,
+    last_line: Option<Progress>,
+}
+
+/// How a job is over.
+#[derive(Debug, Clone, PartialEq, Eq)]
+struct Over {
+    how: String,
+    lost_its_node: bool,
+}
+
+impl JobEnvironment {
+    /// That of this request; with what explains it, its job's number, and whether the job is in the queue.
+    #[must_use]
+    pub fn new(
+        parts: Parts,
+        request: &EnvironmentRequest,
+        facts: Map<String, Value>,
+        job: Option<String>,
+        running: bool,
+    ) -> Self {
+        Self {
+            parts,
+            environment: request.environment.clone(),
+            allowance: Allowance::of(request),
+            facts,
+            job,
+            ran: running,
+            seen: Instant::now(),
+            told: None,
+            changes: 0,
+            lines: Lines::default(),
+            received: 0,
+            looked: None,
+            over: None,
+            complete: false,
+            asked_to_stop: false,
+            backoff: Backoff::default(),
+            last_line: None,
+        }
+    }
+
+    /// How far apart the cluster is asked.
+    fn apart(&self) -> Duration {
+        match self.asked_to_stop {
+            true => ENDING,
+            false => self.parts.slurm.poll.duration(),
+        }
+    }
+
+    /// Looks at the queue and at the folder once more; where the job stands, if that is new.
+    async fn take_in(&mut self) -> Result<Option<JobStanding>, ProviderError> {
+        self.backoff.pause().await;
+        let snapshot = self.parts.cluster.queue.after(self.seen, self.apart()).await;
+        let job = snapshot.job(&self.environment).cloned();
+        let begun = self.looked.as_ref().is_some_and(|looked| looked.job.is_some());
+        let waits = job
+            .as_ref()
+            .is_some_and(|job| matches!(job.standing, Standing::Waits | Standing::WaitsForEver));
+        // The folder of a job that waits says nothing.
+        if !waits || begun {
+            self.look().await?;
+        }
+        self.seen = snapshot.asked;
+        if self.complete {
+            return Ok(None);
+        }
+        match (&job, &snapshot.silence) {
+            // It says nothing of the job.
+            (None, Some(_)) => {}
+            (job, _) => self.judge(job.as_ref()).await?,
+        }
+        Ok(job.and_then(|job| self.news(job)))
+    }
+
+    /// Reads what the job has written by now.
+    async fn look(&mut self) -> Result<(), ProviderError> {
+        loop {
+            let (looked, lines) = self.parts.agent.look(&self.environment, self.received).await?;
+            self.received += lines.len() as u64;
+            self.lines.push(&lines);
+            if let Some(job) = &looked.job {
+                self.facts
+                    .insert(fact::NODE.to_owned(), Value::String(job.node.clone()));
+            }
+            let there_is_more = !lines.is_empty();
+            let has_ended = looked.ended.is_some();
+            self.looked = Some(looked);
+            // Those that have come are passed on first.
+            if !there_is_more || !has_ended {
+                self.complete = has_ended;
+                return Ok(());
+            }
+        }
+    }
+
+    /// What the state of the job means for the environment.
+    async fn judge(&mut self, job: Option<&Job>) -> Result<(), ProviderError> {
+        let over = match job.map(|job| (job, job.standing)) {
+            Some((_, Standing::Waits)) => None,
+            Some((job, Standing::Runs)) => {
+                if self.asked_to_stop && self.looked.is_none() {
+                    // It began while it was taken back.
+                    self.parts.cluster.system.stop(&job.id).await?;
+                }
+                None
+            }
+            Some((job, Standing::WaitsForEver)) => {
+                self.parts.cluster.system.cancel(&job.id).await?;
+                let reason = job.reason.as_deref().unwrap_or("it is not said why");
+                Some(Over {
+                    how: format!("job {} would never run: {reason}", job.id),
+                    lost_its_node: false,
+                })
+            }
+            Some((job, standing)) => {
+                let lost_its_node = standing == Standing::LostItsNode;
+                if let (true, Some(node)) = (lost_its_node, &job.node) {
+                    let mut memory = self.parts.memory.lock().unwrap_or_else(PoisonError::into_inner);
+                    memory.lost.insert(node.clone());
+                }
+                let reason = job.reason.as_ref().map(|reason| format!(" ({reason})"));
+                let node = job.node.as_ref().map(|node| format!(" on {node}"));
+                Some(Over {
+                    how: format!(
+                        "job {}{} ended as {}{}",
+                        job.id,
+                        node.unwrap_or_default(),
+                        job.state,
+                        reason.unwrap_or_default()
+                    ),
+                    lost_its_node,
+                })
+            }
+            None => Some(Over {
+                how: format!(
+                    "the batch system does not know the job {} any more, and it left no word of its end",
+                    self.job.as_deref().unwrap_or_default()
+                ),
+                lost_its_node: false,
+            }),
+        };
+        match (over, &self.over) {
+            (None, _) => self.over = None,
+            (Some(over), None) => self.over = Some((Instant::now(), over)),
+            (Some(_), Some(_)) => {}
+        }
+        let never_began = self.looked.as_ref().is_none_or(|looked| looked.job.is_none());
+        let visible_within = match self.asked_to_stop && never_began {
+            true => Duration::ZERO,
+            false => self.parts.slurm.visible_within.duration(),
+        };
+        // What the node wrote last may not be seen here yet.
+        if self
+            .over
+            .as_ref()
+            .is_some_and(|(since, _)| since.elapsed() >= visible_within)
+        {
+            self.look().await?;
+            self.complete = true;
+        }
+        Ok(())
+    }
+
+    fn news(&mut self, job: Job) -> Option<JobStanding> {
+        let standing = JobStanding {
+            job: job.id,
+            state: job.state,
+            reason: job.reason,
+            node: job.node,
+            start: job.start,
+        };
+        // A forecast changes all the time.
+        let same = |told: &JobStanding| {
+            JobStanding {
+                start: None,
+                ..told.clone()
+            } == JobStanding {
+                start: None,
+                ..standing.clone()
+            }
+        };
+        if self.told.as_ref().is_some_and(same) || self.changes >= MOST_CHANGES {
+            return None;
+        }
+        self.changes += 1;
+        self.told = Some(standing.clone());
+        Some(standing)
+    }
+}
+
+#[async_trait]
+impl Environment for JobEnvironment {
+    fn facts(&self) -> Map<String, Value> {
+        self.facts.clone()
+    }
+
+    fn running(&self) -> bool {
+        self.ran
+    }
+
+    async fn next_progress(&mut self) -> Result<Option<Progress>, ProviderError> {
+        loop {
+            match self.next_news().await? {
+                Some(News::Workload(progress)) => return Ok(Some(progress)),
+                Some(News::Job(_)) => {}
+                None => return Ok(None),
+            }
+        }
+    }
+
+    async fn next_news(&mut self) -> Result<Option<News>, ProviderError> {
+        loop {
+            if let Some(line) = self.lines.next_line()? {
+                self.last_line = Some(line.clone());
+                return Ok(Some(News::Workload(line)));
+            }
+            if self.complete {
+                return Ok(None);
+            }
+            match self.take_in().await {
+                Ok(Some(standing)) => return Ok(Some(News::Job(standing))),
+                Ok(None) => self.backoff = Backoff::default(),
+                Err(error) => self.backoff.after(error)?,
+            }
+        }
+    }
+
+    fn may_be_silent(&self) -> bool {
+        !self.asked_to_stop
+    }
+
+    async fn stop(&mut self) -> Result<(), ProviderError> {
+        if let Some(job) = &self.job {
+            retried(|| self.parts.cluster.system.stop(job)).await?;
+        }
+        self.asked_to_stop = true;
+        Ok(())
+    }
+
+    async fn ended(&mut self) -> Result<Ended, ProviderError> {
+        while self.next_progress().await?.is_some() {}
+        let looked = self.looked.as_ref();
+        let words = looked.map(|looked| looked.last_words.clone()).unwrap_or_default();
+        let ended = match (looked.and_then(|looked| looked.ended), &self.over) {
+            (Some(detached::Ended::Code(code)), _) => Ended::by_exit_code(code.into()),
+            (Some(detached::Ended::Signal(signal)), _) => Ended::by_signal(signal.into()),
+            (None, Some((_, over))) => Ended {
+                success: false,
+                how: over.how.clone(),
+                lost_its_node: over.lost_its_node,
+            },
+            (None, None) => Ended::by_last_line(self.last_line.as_ref()),
+        };
+        Ok(ended.with_last_words(&words))
+    }
+
+    async fn collect(&mut self, into: &Path) -> Result<(), ProviderError> {
+        transfer::collect(&self.parts.agent, &self.environment, into, &self.allowance).await
+    }
+
+    async fn discard(self: Box<Self>) -> Result<(), ProviderError> {
+        end(&self.parts.cluster, &self.environment).await?;
+        retried(|| self.parts.agent.remove(&self.environment))
+            .await
+            .map(drop)
+    }
+}
