@@ -197,7 +197,7 @@ struct Written {
 }
 
 impl Written {
-    fn connection(self) -> Result<Connection, &'static str> {
+    fn connection<E: de::Error>(self) -> Result<Connection, E> {
         let has_keys_of_ssh = self.identity.is_some() || self.jump.is_some() || self.known_hosts.is_some();
         match (self.ssh, self.slurm) {
             (Some(address), None) => Ok(Connection::Ssh(Ssh {
@@ -207,14 +207,15 @@ impl Written {
                 known_hosts: self.known_hosts,
             })),
             (None, Some(slurm)) if !has_keys_of_ssh => Ok(Connection::Slurm(slurm)),
-            (None, Some(_)) => Err(
+            (None, Some(_)) => Err(E::custom(
                 "`identity`, `jump` and `known_hosts` are the submit host's: write them below `slurm.submit`",
-            ),
-            (Some(_), Some(_)) => Err(
+            )),
+            (Some(_), Some(_)) => Err(E::custom(
                 "a host is reached in one way: write either `ssh` or `slurm`, and a submit host as `{slurm: {submit: {ssh: \
                  user@host}}}`",
-            ),
-            (None, None) => Err("the way to the host is missing: write `{ssh: user@host}` or `{slurm: {}}`"),
+            )),
+            // As of any key that must be there: whoever left out a wrong one has told of it.
+            (None, None) => Err(E::missing_field("ssh")),
         }
     }
 }
@@ -246,9 +247,7 @@ impl<'de> Deserialize<'de> for Connection {
             }
 
             fn visit_map<A: de::MapAccess<'de>>(self, map: A) -> Result<Connection, A::Error> {
-                Written::deserialize(MapAccessDeserializer::new(map))?
-                    .connection()
-                    .map_err(de::Error::custom)
+                Written::deserialize(MapAccessDeserializer::new(map))?.connection()
             }
         }
         deserializer.deserialize_any(Visitor)

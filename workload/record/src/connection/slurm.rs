@@ -319,7 +319,7 @@ mod tests {
     #[case(json!({"slurm": {"options": ["--mail user"]}}), "no option")]
     #[case(json!({"slurm": {}, "identity": "key"}), "slurm.submit")]
     #[case(json!({"slurm": {}, "ssh": "me@login"}), "in one way")]
-    #[case(json!({"identity": "key"}), "is missing")]
+    #[case(json!({"identity": "key"}), "missing field `ssh`")]
     #[case(json!({"slurm": {"nodes": "all"}}), "one")]
     fn what_cannot_be_meant_is_refused_with_what_to_write(#[case] written: Value, #[case] says: &str) {
         let error = read(written).unwrap_err();
