@@ -18,7 +18,10 @@ use std::{
 };
 
 use async_trait::async_trait;
-use record::connection::Slurm;
+use record::{
+    connection::Slurm,
+    run_directory::{JobStanding, Standing},
+};
 
 use self::{queue::Queue, slurm::SlurmCommands};
 use crate::{host::Host, provider::ProviderError};
@@ -163,26 +166,18 @@ pub struct Job {
     pub start: Option<String>,
 }
 
-/// Where a job stands.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Standing {
-    /// It waits for its turn.
-    Waits,
-    /// It waits for what will never be.
-    WaitsForEver,
-    /// It runs, or is just beginning or ending.
-    Runs,
-    /// It has ended, or was taken back.
-    Ended,
-    /// Its node failed or was taken away; the scenario is none the worse.
-    LostItsNode,
-}
-
-impl Standing {
-    /// Whether it has not ended.
+impl Job {
+    /// Where it stands, for the journal.
     #[must_use]
-    pub const fn is_alive(self) -> bool {
-        matches!(self, Self::Waits | Self::WaitsForEver | Self::Runs)
+    pub fn standing(&self) -> JobStanding {
+        JobStanding {
+            job: self.id.clone(),
+            standing: self.standing,
+            state: self.state.clone(),
+            reason: self.reason.clone(),
+            node: self.node.clone(),
+            start: self.start.clone(),
+        }
     }
 }
 

@@ -210,6 +210,11 @@ pub trait Environment: Send {
     /// When the platform stops answering.
     async fn next_progress(&mut self) -> Result<Option<Progress>, ProviderError>;
 
+    /// Where its job stood when it was created or found, if it is one.
+    fn job(&self) -> Option<&JobStanding> {
+        None
+    }
+
     /// What is new: the workload's next line, or where its job stands. Cancel-safe.
     ///
     /// # Errors

@@ -159,6 +159,7 @@ impl Run<'_> {
         Ok(self
             .events
             .emit(match self.events.state().is_interrupted(self.plan) {
+                true if self.patience == Patience::LeavesJobs && !self.stop.is_requested() => Event::RunLeft,
                 true => Event::RunInterrupted,
                 false => Event::RunFinished,
             })?)

@@ -41,7 +41,7 @@ pub async fn execute(command: &Command, catalogue: Catalogue) -> Result<Exit, Co
         Command::Plan(arguments) => plan::execute(arguments, catalogue).await,
         Command::Run(arguments) => run::execute(arguments, catalogue).await,
         Command::Resume(arguments) => resume::execute(arguments, catalogue).await,
-        Command::Status(arguments) => status::execute(arguments),
+        Command::Status(arguments) => status::execute(arguments).await,
         Command::Watch(arguments) => watch::execute(arguments).await,
         Command::Runs(arguments) => runs::execute(arguments),
         Command::Report(arguments) => report::execute(arguments),

@@ -4,7 +4,7 @@ use std::io::Write;
 
 use record::{
     progress::Progress,
-    run_directory::{Event, JobStanding},
+    run_directory::{Event, JobStanding, fact},
 };
 
 use crate::{escaping, observer::Observer};
@@ -56,6 +56,8 @@ fn words(event: &Event) -> Option<String> {
         } => {
             format!("{scenario}: creating {provider} environment {environment}")
         }
+        // Where its job stands comes next.
+        Event::EnvironmentCreated { facts, .. } if facts.contains_key(fact::JOB) => return None,
         Event::EnvironmentCreated { scenario, .. } => format!("{scenario}: environment is up"),
         Event::JobChanged {
             scenario, standing, ..
@@ -117,6 +119,7 @@ fn words(event: &Event) -> Option<String> {
             }
             line
         }
+        Event::RunLeft => "run: left, its jobs go on".to_owned(),
         Event::RunFinished => "run: finished".to_owned(),
         Event::RunInterrupted => "run: interrupted".to_owned(),
     })
@@ -131,6 +134,7 @@ pub fn job(standing: &JobStanding) -> String {
         reason,
         node,
         start,
+        ..
     } = standing;
     let reason = reason.as_ref().map(|reason| format!(" ({reason})"));
     let node = node.as_ref().map(|node| format!(" on {node}"));

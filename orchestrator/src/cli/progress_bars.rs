@@ -172,7 +172,7 @@ impl Observer for ProgressBars {
                     let _ = self.bars.println(line);
                 }
             }
-            Event::RunFinished | Event::RunInterrupted => {
+            Event::RunFinished | Event::RunLeft | Event::RunInterrupted => {
                 self.show_whole();
                 self.whole.abandon();
                 return;

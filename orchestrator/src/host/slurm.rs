@@ -11,7 +11,7 @@ use std::{
 
 use async_trait::async_trait;
 use record::connection::{Connection, Slurm, SshAddress};
-use tokio::net::UnixStream;
+use tokio::{net::UnixStream, sync::OnceCell};
 
 use super::{
     Deployed, Host, HostError, Listener, Program, RunningProgram,
@@ -60,13 +60,19 @@ pub struct SlurmHost {
     submit: Arc<dyn Host>,
     nodes: SlurmNodes,
     state: StateDirectory,
+    deployed: OnceCell<Deployed>,
 }
 
 impl SlurmHost {
     /// Those nodes, with the files of jobs in this state directory where the submit host is this machine and no `root` is said.
     #[must_use]
     pub fn new(submit: Arc<dyn Host>, nodes: SlurmNodes, state: StateDirectory) -> Self {
-        Self { submit, nodes, state }
+        Self {
+            submit,
+            nodes,
+            state,
+            deployed: OnceCell::new(),
+        }
     }
 
     /// The submit host's machine, and the folder that the nodes see too.
@@ -88,12 +94,20 @@ impl SlurmHost {
         Ok((machine, root))
     }
 
-    async fn install(&self, root: &Path, machine: Machine) -> Result<Installed, HostError> {
+    async fn put(&self) -> Result<Deployed, HostError> {
+        let (machine, root) = self.look().await?;
         let shell = Shell::Plain(self.submit.as_ref());
         let workload = machine
             .workload()
             .map_err(|error| shell.refused(NotInstalled::Workload(error)))?;
-        shell.install(&root.join("bin"), "workload", &workload).await
+        let installed = shell.install(&root.join("bin"), "workload", &workload).await?;
+        Ok(Deployed {
+            program: installed.file,
+            sha256: installed.sha256,
+            // Not among those of the submit host, of which each has its process there.
+            environments: root.join("jobs"),
+            lease: PathBuf::from(lease::OF_A_MACHINE),
+        })
     }
 }
 
@@ -147,15 +161,8 @@ impl Host for SlurmHost {
 
     /// That for the submit host, which sees to the folders of environments.
     async fn deploy(&self) -> Result<Deployed, HostError> {
-        let (machine, root) = self.look().await?;
-        let installed = self.install(&root, machine).await?;
-        Ok(Deployed {
-            program: installed.file,
-            sha256: installed.sha256,
-            // Not among those of the submit host, of which each has its process there.
-            environments: root.join("jobs"),
-            lease: PathBuf::from(lease::OF_A_MACHINE),
-        })
+        // There are many jobs, and all have the same.
+        self.deployed.get_or_try_init(|| self.put()).await.cloned()
     }
 
     fn terminal(&self, program: &Program) -> process::Command {

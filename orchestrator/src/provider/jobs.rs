@@ -26,11 +26,11 @@ use record::{
     connection::Nodes,
     detached::ListedEnvironment,
     layout,
-    run_directory::{EnvironmentRecord, Resource, RunDirectory, RunRecords, fact},
+    run_directory::{EnvironmentRecord, JobStanding, Resource, RunDirectory, RunRecords, Standing, fact},
     settings::Settings,
     window::WindowRecord,
 };
-use serde_json::{Map, Value, json};
+use serde_json::{Map, json};
 use tokio::{
     sync::OnceCell,
     time::{Instant, sleep},
@@ -53,6 +53,8 @@ use crate::{
 const JOB: &str = "job";
 /// How long a job may take to go once it was taken back: the batch system waits for its processes.
 const GONE_WITHIN: Duration = Duration::from_secs(120);
+/// What was seen of the queue so long ago is as good as now.
+const JUST_NOW: Duration = Duration::from_secs(1);
 /// How often that is looked at.
 const GONE_YET: Duration = Duration::from_secs(2);
 
@@ -78,6 +80,7 @@ pub struct Jobs {
     cluster: Arc<Cluster>,
     programs: OnceCell<JobPrograms>,
     version: OnceCell<String>,
+    longest_minutes: OnceCell<Option<u32>>,
     /// The one node of a run whose nodes are to be one.
     node: OnceCell<Option<String>>,
     memory: Arc<Mutex<Memory>>,
@@ -109,6 +112,7 @@ impl Jobs {
             cluster: clusters.of(&nodes.slurm, host),
             programs: OnceCell::new(),
             version: OnceCell::new(),
+            longest_minutes: OnceCell::new(),
             node: OnceCell::new(),
             memory: Arc::default(),
         }
@@ -117,6 +121,12 @@ impl Jobs {
     async fn programs(&self) -> Result<&JobPrograms, ProviderError> {
         let install = || slurm::install(self.host.as_ref(), &self.nodes);
         Ok(self.programs.get_or_try_init(install).await?)
+    }
+
+    /// What a job may ask for at most, in minutes.
+    async fn longest_minutes(&self) -> Result<Option<u32>, ProviderError> {
+        let ask = || self.cluster.system.longest_minutes(&self.nodes.slurm);
+        Ok(*self.longest_minutes.get_or_try_init(ask).await?)
     }
 
     async fn version(&self) -> Result<&String, ProviderError> {
@@ -128,7 +138,7 @@ impl Jobs {
     async fn job_request(&self, request: &EnvironmentRequest) -> Result<JobRequest, ProviderError> {
         let programs = self.programs().await?;
         let deployed = self.agent.deployed().await?;
-        let longest = self.cluster.system.longest_minutes(&self.nodes.slurm).await?;
+        let longest = self.longest_minutes().await?;
         let folder = deployed.environments.join(&request.environment);
         Ok(JobRequest {
             name: request.environment.clone(),
@@ -159,7 +169,7 @@ impl Jobs {
 
     /// A job that nothing but the cluster stands in the way of, to ask about.
     async fn any_job(&self) -> Result<JobRequest, ProviderError> {
-        let longest = self.cluster.system.longest_minutes(&self.nodes.slurm).await?;
+        let longest = self.longest_minutes().await?;
         Ok(JobRequest {
             name: "matrix-plan".to_owned(),
             owner: JobOwner {
@@ -220,10 +230,9 @@ impl Jobs {
     async fn environment(
         &self,
         request: &EnvironmentRequest,
-        job: Option<String>,
-        running: bool,
+        job: JobStanding,
     ) -> Result<Box<dyn Environment>, ProviderError> {
-        let mut facts = Map::from_iter([
+        let facts = Map::from_iter([
             (fact::PROVIDER.to_owned(), json!(self.provider)),
             (
                 fact::WORKLOAD_SHA256.to_owned(),
@@ -231,8 +240,8 @@ impl Jobs {
             ),
             (fact::BATCH_SYSTEM.to_owned(), json!(self.version().await?)),
             (fact::JOB_WISHES.to_owned(), json!(self.nodes.slurm.wishes())),
+            (fact::JOB.to_owned(), json!(job.job)),
         ]);
-        facts.extend(job.clone().map(|job| (fact::JOB.to_owned(), Value::String(job))));
         Ok(Box::new(JobEnvironment::new(
             environment::Parts {
                 agent: Arc::clone(&self.agent),
@@ -243,7 +252,6 @@ impl Jobs {
             request,
             facts,
             job,
-            running,
         )))
     }
 
@@ -353,7 +361,15 @@ impl Provider for Jobs {
         self.agent.prepare(self.provider, request).await?;
         let number = self.cluster.system.submit(&job).await?;
         self.remembered().submit(number.clone(), self.at_once());
-        self.environment(request, Some(number), true).await
+        let job = JobStanding {
+            job: number,
+            standing: Standing::Waits,
+            state: "PENDING".to_owned(),
+            reason: None,
+            node: None,
+            start: None,
+        };
+        self.environment(request, job).await
     }
 
     async fn find(
@@ -361,33 +377,36 @@ impl Provider for Jobs {
         request: &EnvironmentRequest,
     ) -> Result<Option<Box<dyn Environment>>, ProviderError> {
         let name = &request.environment;
-        let is_it = |it: &ListedEnvironment| it.environment == *name;
-        if !self.agent.list().await?.environments.iter().any(is_it) {
-            return Ok(None);
-        }
         // Whoever asks goes on waiting for jobs anyway: one question for all that are looked for.
-        let asked = Instant::now()
-            .checked_sub(Duration::from_secs(1))
-            .unwrap_or_else(Instant::now);
+        let asked = Instant::now().checked_sub(JUST_NOW).unwrap_or_else(Instant::now);
         let seen = self.cluster.queue.after(asked, Duration::ZERO).await;
         let job = seen.job(name);
-        if job.is_none()
-            && let Some(silence) = &seen.silence
-        {
+        if let (None, Some(silence)) = (job, &seen.silence) {
             return Err(ProviderError::Unreachable {
                 platform: format!("the batch system of host `{}`", self.agent.host()),
                 hint: Some("wait until it answers: its jobs go on without it".to_owned()),
                 source: silence.clone().into(),
             });
         }
-        let running = job.is_some_and(|job| job.standing.is_alive());
-        if let Some(job) = job.filter(|_| running) {
+        if let Some(job) = job.filter(|job| job.standing.is_alive()) {
             self.remembered().submit(job.id.clone(), self.at_once());
+            return self.environment(request, job.standing()).await.map(Some);
+        }
+        let is_it = |it: &ListedEnvironment| it.environment == *name;
+        if !self.agent.list().await?.environments.iter().any(is_it) {
+            return Ok(None);
         }
         let (looked, _) = self.agent.look(name, 0).await?;
-        let number = job.map(|job| job.id.clone()).or(looked.job.map(|job| job.job));
-        match number {
-            Some(_) => self.environment(request, number, running).await.map(Some),
+        let forgotten = looked.job.map(|job| JobStanding {
+            job: job.job,
+            standing: Standing::Ended,
+            state: "forgotten by the batch system".to_owned(),
+            reason: None,
+            node: Some(job.node),
+            start: None,
+        });
+        match job.map(Job::standing).or(forgotten) {
+            Some(job) => self.environment(request, job).await.map(Some),
             // It was prepared and never submitted, or its job never began and is forgotten: there is nothing in it.
             None => Ok(None),
         }
@@ -411,7 +430,7 @@ impl Provider for Jobs {
     }
 
     async fn most_windows(&self, settings: &Settings) -> Result<Option<usize>, ProviderError> {
-        let longest = self.cluster.system.longest_minutes(&self.nodes.slurm).await?;
+        let longest = self.longest_minutes().await?;
         longest
             .map(|minutes| {
                 time::most_windows(settings, minutes).ok_or_else(|| ProviderError::Unsupported {

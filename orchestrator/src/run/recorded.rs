@@ -2,22 +2,28 @@
 //! main type is [`RecordedRun`].
 
 use std::{
-    collections::BTreeSet,
+    collections::{BTreeMap, BTreeSet},
     fs, io,
     path::{Path, PathBuf},
     sync::Arc,
+    time::Duration,
 };
 
 use record::{
     connection::Connection,
-    run_directory::{Manifest, Place, PlanRecord, ReadError, RunDirectory, RunRecords, RunState},
+    run_directory::{
+        Event, JournalEntry, Manifest, Place, PlanRecord, ReadError, RunDirectory, RunRecords, RunState,
+    },
 };
 use serde::Serialize;
+use tokio::time::Instant;
 
 use crate::{
+    batch::Clusters,
     escaping,
     experiment_files::ExperimentFiles,
     host::{self, Host, Said},
+    journal,
     provider::{Catalogue, Providers},
     state_directory::StateDirectory,
 };
@@ -212,6 +218,47 @@ impl RecordedRun {
         }
         let settings = catalogue.settings_of(self.manifest.providers.clone())?;
         Ok(Providers::new(catalogue, settings, self.hosts()?))
+    }
+
+    /// Brings what the journal says of jobs that are not collected up to what their clusters say now. What a cluster does not know,
+    /// or one that does not answer, stays as the journal has it; why one did not is returned, by its host.
+    ///
+    /// # Errors
+    /// When it does not say how its hosts are reached.
+    pub async fn ask_clusters(&mut self) -> Result<BTreeMap<String, String>, RecordedRunError> {
+        let clusters = Clusters::default();
+        let mut silent = BTreeMap::new();
+        for host in self.hosts()? {
+            let Some(nodes) = host.nodes() else { continue };
+            let asked = Instant::now();
+            let seen = clusters
+                .of(&nodes.slurm, &host)
+                .queue
+                .after(asked, Duration::ZERO)
+                .await;
+            if let Some(silence) = &seen.silence {
+                silent.insert(host.name().to_owned(), silence.clone());
+            }
+            let open: Vec<(String, String)> = self
+                .state
+                .scenarios
+                .iter()
+                .flat_map(|(slug, state)| state.open().map(|it| (slug.clone(), it.environment.clone())))
+                .collect();
+            for (scenario, environment) in open {
+                if let Some(job) = seen.job(&environment) {
+                    self.state.apply(&JournalEntry {
+                        at: journal::now(),
+                        event: Event::JobChanged {
+                            scenario,
+                            environment,
+                            standing: job.standing(),
+                        },
+                    });
+                }
+            }
+        }
+        Ok(silent)
     }
 
     /// The hosts that its scenarios were planned on.

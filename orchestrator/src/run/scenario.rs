@@ -14,7 +14,7 @@ use record::{
     identity::{HostIdentity, IdentityMismatch},
     layout,
     progress::Progress,
-    run_directory::{EnvironmentRecord, Event, Outcome, Place, PlannedScenario, Resource},
+    run_directory::{EnvironmentRecord, Event, JobStanding, Outcome, Place, PlannedScenario, Resource},
     window::WindowRecord,
 };
 use serde::de::DeserializeOwned;
@@ -205,6 +205,9 @@ impl Run<'_> {
     /// # Errors
     /// Only when the journal cannot be written; everything else is an outcome.
     pub(super) async fn unit(&self, unit: Unit<'_>, turn: &Turn) -> Result<(), RunError> {
+        if self.leaves(unit) && self.is_under_way(unit).await? {
+            return Ok(());
+        }
         let experiment = unit.planned.settings.experiment.as_ref();
         let mut retries = experiment.map_or(0, |experiment| experiment.retries);
         let host = self.fleet.host(unit.host());
@@ -230,6 +233,35 @@ impl Run<'_> {
             }
         }
         Ok(())
+    }
+
+    /// Whether the job of a unit waits or measures, so that there is nothing to do but to say so if that is new.
+    async fn is_under_way(&self, unit: Unit<'_>) -> Result<bool, RunError> {
+        let state = self.events.scenario(&unit.planned.slug);
+        let Some(open) = state.round(unit.round).open.filter(|open| !open.discarding) else {
+            return Ok(false);
+        };
+        let request = self.request(unit, open.environment, open.windows);
+        // Whoever works on it will see what is wrong.
+        let Ok(provider) = self.fleet.provider(unit.planned, unit.host()) else {
+            return Ok(false);
+        };
+        let found = provider.find(&request).await.ok().flatten();
+        let Some(job) = found.as_ref().and_then(|found| found.job()) else {
+            return Ok(false);
+        };
+        if open.job.is_none_or(|before| before.has_changed(job)) {
+            self.job_changed(&request, job)?;
+        }
+        Ok(job.standing.is_alive())
+    }
+
+    fn job_changed(&self, request: &EnvironmentRequest, job: &JobStanding) -> Result<(), JournalError> {
+        self.events.emit(Event::JobChanged {
+            scenario: request.scenario.clone(),
+            environment: request.environment.clone(),
+            standing: job.clone(),
+        })
     }
 
     async fn once(&self, unit: Unit<'_>, turn: &Turn) -> Result<Work, RunError> {
@@ -384,6 +416,9 @@ impl Run<'_> {
                     environment: request.environment.clone(),
                     facts: facts::of(environment.as_ref()),
                 })?;
+                if let Some(job) = environment.job() {
+                    self.job_changed(&request, job)?;
+                }
                 if self.leaves(unit) {
                     return Ok(Work::Left);
                 }
@@ -674,11 +709,7 @@ impl Run<'_> {
                 })?;
             }
             match news {
-                Ok(Some(News::Job(standing))) => self.events.emit(Event::JobChanged {
-                    scenario: scenario(),
-                    environment: request.environment.clone(),
-                    standing,
-                })?,
+                Ok(Some(News::Job(standing))) => self.job_changed(request, &standing)?,
                 // One that was found again says everything again.
                 Ok(Some(News::Workload(progress))) if told.contains(&progress) => {}
                 Ok(Some(News::Workload(progress))) => {

@@ -43,7 +43,7 @@ pub use clock_drift::ClockDrift;
 pub use control_trace::{ControlTrace, Expected, PeriodError, PeriodPath, SLICES};
 pub use environment::{Difference, EnvironmentRecord, RecordedPlatform};
 pub use facts::{EngineParts, VagrantBox, fact};
-pub use journal::{Event, JobStanding, Journal, JournalEntry, Outcome, Resource};
+pub use journal::{Event, JobStanding, Journal, JournalEntry, Outcome, Resource, Standing};
 pub use log::{Fault, LogError};
 pub use manifest::{HostRecord, Manifest, RecordedConnection, Revision};
 pub use place::{FileDigest, Kind, Place, Unfinished};

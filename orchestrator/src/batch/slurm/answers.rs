@@ -1,6 +1,8 @@
 //! What Slurm's tools print, as types. Pure.
 
-use crate::batch::{Forecast, Job, JobOwner, Standing};
+use record::run_directory::Standing;
+
+use crate::batch::{Forecast, Job, JobOwner};
 
 /// What `squeue` is asked for of each job. The comment comes last: it alone may have the separator in it.
 pub const JOBS: &str = "%i|%T|%r|%N|%n|%S|%j|%k";

@@ -7,7 +7,7 @@ use record::{exit::matrix::Exit, run_directory::RunDirectory};
 use schemars::JsonSchema;
 use serde::Serialize;
 
-use super::status::Standing;
+use super::status::RunStanding;
 use crate::{
     cli::{
         command::options::OutputArguments,
@@ -79,7 +79,7 @@ impl RunRecord {
                 };
             }
         };
-        let standing = Standing::of(&directory, &recorded);
+        let standing = RunStanding::of(&directory, &recorded);
         let running = recorded.plan.scenarios.iter().filter(|planned| planned.runs());
         Self {
             directory: path.to_owned(),

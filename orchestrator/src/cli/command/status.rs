@@ -9,7 +9,7 @@ use std::{
 use clap::Args;
 use record::{
     exit::matrix::Exit,
-    run_directory::{PlannedScenario, RoundState, RunDirectory, ScenarioState},
+    run_directory::{JobStanding, PlannedScenario, RoundState, RunDirectory, ScenarioState, Standing},
 };
 use reports::input::verification::{Verification, verify};
 use schemars::JsonSchema;
@@ -19,7 +19,7 @@ use super::report::unreadable;
 use crate::{
     cli::{
         command::options::OutputArguments,
-        completion,
+        completion, plain_log,
         run_argument::run_argument,
         terminal::{self, CommandError},
     },
@@ -37,6 +37,9 @@ pub struct StatusArguments {
     /// Read every file that has a checksum, captures too, and list those that are damaged.
     #[arg(long)]
     verify: bool,
+    /// Ask the clusters of the run where the jobs stand now. Without it they stand as they did when `matrix` last worked on the run.
+    #[arg(long)]
+    hosts: bool,
     #[command(flatten)]
     pub(crate) output: OutputArguments,
 }
@@ -86,7 +89,7 @@ struct ScenarioRecord<'a> {
     /// Whether it can run.
     feasible: bool,
     /// `completed`, `failed`, `errored`, `interrupted`, `infeasible`, `not selected`, `running`, `left behind` (its environment
-    /// may exist, and no `matrix` works on the run) or `waiting`.
+    /// may exist, and no `matrix` works on the run), `queued` (its job waits for its turn) or `waiting`.
     state: &'static str,
     /// Why, where there is a reason.
     reason: Option<&'a str>,
@@ -104,8 +107,37 @@ struct ScenarioRecord<'a> {
     silent_for_s: Option<u64>,
     /// The environment that exists or may exist; null if none does.
     environment: Option<&'a str>,
+    /// The job that this is, of the first round that has one; null if none has.
+    job: Option<JobRecord<'a>>,
     /// Its environment of each round, in the order of the rounds.
     environments: Vec<EnvironmentOfRound<'a>>,
+}
+
+/// A job of a batch system.
+#[derive(Debug, Serialize, JsonSchema)]
+struct JobRecord<'a> {
+    /// Its number.
+    job: &'a str,
+    /// The batch system's word for its state, such as `PENDING`.
+    state: &'a str,
+    /// Why it waits or has ended, in the batch system's words; null if it does not say.
+    reason: Option<&'a str>,
+    /// The node that it runs or ran on; null if it has none.
+    node: Option<&'a str>,
+    /// When it began or may begin, in the cluster's time zone; null if that is not known.
+    start: Option<&'a str>,
+}
+
+impl<'a> JobRecord<'a> {
+    fn of(job: &'a JobStanding) -> Self {
+        Self {
+            job: &job.job,
+            state: &job.state,
+            reason: job.reason.as_deref(),
+            node: job.node.as_deref(),
+            start: job.start.as_deref(),
+        }
+    }
 }
 
 /// Where a scenario stands in one round, which has one environment of it.
@@ -148,7 +180,7 @@ struct DamagedRecord<'a> {
 }
 
 /// A run as it stands.
-pub(super) struct Standing<'a> {
+pub(super) struct RunStanding<'a> {
     /// Whether a `matrix` works on it now.
     pub(super) live: bool,
     holder: Option<Holder>,
@@ -157,7 +189,7 @@ pub(super) struct Standing<'a> {
     rows: Vec<(&'a PlannedScenario, ScenarioState)>,
 }
 
-impl<'a> Standing<'a> {
+impl<'a> RunStanding<'a> {
     pub(super) fn of(directory: &RunDirectory, recorded: &'a RecordedRun) -> Self {
         let found = recorded.state_in(directory);
         let scenarios = recorded.plan.scenarios.iter();
@@ -244,11 +276,16 @@ fn in_words(duration: Duration) -> String {
 ///
 /// # Errors
 /// When the run directory cannot be read, or is to be verified while it is being measured.
-pub fn execute(arguments: &StatusArguments) -> Result<Exit, CommandError> {
+pub async fn execute(arguments: &StatusArguments) -> Result<Exit, CommandError> {
     let directory = RunDirectory::new(&arguments.run);
-    let recorded = RecordedRun::read(&directory)?;
-    let standing = Standing::of(&directory, &recorded);
-    let Standing {
+    let mut recorded = RecordedRun::read(&directory)?;
+    if arguments.hosts {
+        for (host, silence) in recorded.ask_clusters().await? {
+            terminal::print_note(&format!("host {host} did not answer: {silence}"));
+        }
+    }
+    let standing = RunStanding::of(&directory, &recorded);
+    let RunStanding {
         live,
         finished,
         ref rows,
@@ -274,6 +311,7 @@ pub fn execute(arguments: &StatusArguments) -> Result<Exit, CommandError> {
             under_way_since: state.under_way().filter(|_| live).map(|(_, since)| since),
             silent_for_s: state.silent_for_s.filter(|_| live),
             environment: state.open().last().map(|open| open.environment.as_str()),
+            job: job(state).map(JobRecord::of),
             environments: environments(planned, state, live),
         });
         terminal::json(&StatusDocument {
@@ -300,14 +338,16 @@ pub fn execute(arguments: &StatusArguments) -> Result<Exit, CommandError> {
             .silent_for_s
             .filter(|_| live)
             .map(|for_s| format!(", nothing was heard of the workload for {for_s} s or more"));
+        let job = job(state).map(|job| format!(", {}", plain_log::job(job)));
         text.push_str(&format!(
-            "  {} {}: {}, {} of {} windows{}{}{}{}\n",
+            "  {} {}: {}, {} of {} windows{}{}{}{}{}\n",
             planned.id,
             planned.slug,
             word(planned, state, live),
             state.complete().len(),
             planned.settings.all_windows(),
             under_way(state, live),
+            job.unwrap_or_default(),
             silent.unwrap_or_default(),
             not_collected(state),
             reason.map(|reason| format!(": {reason}")).unwrap_or_default(),
@@ -325,6 +365,11 @@ pub fn execute(arguments: &StatusArguments) -> Result<Exit, CommandError> {
     }
     terminal::result(&text);
     Ok(exit)
+}
+
+/// The job of the first round that has one.
+fn job(state: &ScenarioState) -> Option<&JobStanding> {
+    state.open().find_map(|open| open.job.as_ref())
 }
 
 /// Reads all of the run directory, unless that would disturb what is being measured.
@@ -400,8 +445,9 @@ fn under_way(state: &ScenarioState, live: bool) -> String {
 /// The state of a scenario that has several environments is that of the one to look at first: one that is at work or was left, one
 /// that has not ended as it should, and only then what all of them have come to.
 fn word(planned: &PlannedScenario, state: &ScenarioState, live: bool) -> &'static str {
-    const FIRST: [&str; 8] = [
+    const FIRST: [&str; 9] = [
         "running",
+        "queued",
         "left behind",
         "interrupted",
         "waiting",
@@ -427,8 +473,12 @@ fn word_of_round(planned: &PlannedScenario, round: &RoundState, live: bool) -> &
     match (planned.feasible, round.outcome, &round.open) {
         (false, ..) => "infeasible",
         (true, Some(outcome), _) => outcome.name(),
-        (true, None, Some(_)) if live => "running",
-        (true, None, Some(_)) => "left behind",
+        (true, None, Some(open)) => match open.job.as_ref().map(|job| job.standing) {
+            Some(Standing::Waits | Standing::WaitsForEver) => "queued",
+            Some(Standing::Runs) => "running",
+            _ if live => "running",
+            _ => "left behind",
+        },
         (true, None, None) => "waiting",
     }
 }

@@ -11,14 +11,14 @@ use record::{
     connection::Slurm,
     detached::{self, Looked},
     progress::Progress,
-    run_directory::{JobStanding, fact},
+    run_directory::{JobStanding, Standing, fact},
 };
 use serde_json::{Map, Value};
 use tokio::time::Instant;
 
 use super::{Memory, end};
 use crate::{
-    batch::{Cluster, Job, Standing},
+    batch::{Cluster, Job},
     provider::{
         Ended, Environment, EnvironmentRequest, News, ProviderError,
         backoff::{Backoff, retried},
@@ -51,10 +51,8 @@ pub struct JobEnvironment {
     environment: String,
     allowance: Allowance,
     facts: Map<String, Value>,
-    /// The job's number, which it has from when it was submitted.
-    job: Option<String>,
-    /// Whether its job was in the queue when it was submitted or found.
-    ran: bool,
+    /// Where its job stood when it was submitted or found.
+    job: JobStanding,
     /// When it was looked at last.
     seen: Instant,
     told: Option<JobStanding>,
@@ -80,14 +78,13 @@ struct Over {
 }
 
 impl JobEnvironment {
-    /// That of this request; with what explains it, its job's number, and whether the job is in the queue.
+    /// That of this request; with what explains it, and where its job stands.
     #[must_use]
     pub fn new(
         parts: Parts,
         request: &EnvironmentRequest,
         facts: Map<String, Value>,
-        job: Option<String>,
-        running: bool,
+        job: JobStanding,
     ) -> Self {
         Self {
             parts,
@@ -95,7 +92,6 @@ impl JobEnvironment {
             allowance: Allowance::of(request),
             facts,
             job,
-            ran: running,
             seen: Instant::now(),
             told: None,
             changes: 0,
@@ -140,7 +136,7 @@ impl JobEnvironment {
             (None, Some(_)) => {}
             (job, _) => self.judge(job.as_ref()).await?,
         }
-        Ok(job.and_then(|job| self.news(job)))
+        Ok(job.and_then(|job| self.news(&job)))
     }
 
     /// Reads what the job has written by now.
@@ -205,7 +201,7 @@ impl JobEnvironment {
             None => Some(Over {
                 how: format!(
                     "the batch system does not know the job {} any more, and it left no word of its end",
-                    self.job.as_deref().unwrap_or_default()
+                    self.job.job
                 ),
                 lost_its_node: false,
             }),
@@ -232,25 +228,9 @@ impl JobEnvironment {
         Ok(())
     }
 
-    fn news(&mut self, job: Job) -> Option<JobStanding> {
-        let standing = JobStanding {
-            job: job.id,
-            state: job.state,
-            reason: job.reason,
-            node: job.node,
-            start: job.start,
-        };
-        // A forecast changes all the time.
-        let same = |told: &JobStanding| {
-            JobStanding {
-                start: None,
-                ..told.clone()
-            } == JobStanding {
-                start: None,
-                ..standing.clone()
-            }
-        };
-        if self.told.as_ref().is_some_and(same) || self.changes >= MOST_CHANGES {
+    fn news(&mut self, job: &Job) -> Option<JobStanding> {
+        let standing = job.standing();
+        if !self.told.as_ref().unwrap_or(&self.job).has_changed(&standing) || self.changes >= MOST_CHANGES {
             return None;
         }
         self.changes += 1;
@@ -266,7 +246,11 @@ impl Environment for JobEnvironment {
     }
 
     fn running(&self) -> bool {
-        self.ran
+        self.job.standing.is_alive()
+    }
+
+    fn job(&self) -> Option<&JobStanding> {
+        Some(&self.job)
     }
 
     async fn next_progress(&mut self) -> Result<Option<Progress>, ProviderError> {
@@ -301,9 +285,7 @@ impl Environment for JobEnvironment {
     }
 
     async fn stop(&mut self) -> Result<(), ProviderError> {
-        if let Some(job) = &self.job {
-            retried(|| self.parts.cluster.system.stop(job)).await?;
-        }
+        retried(|| self.parts.cluster.system.stop(&self.job.job)).await?;
         self.asked_to_stop = true;
         Ok(())
     }
@@ -330,7 +312,11 @@ impl Environment for JobEnvironment {
     }
 
     async fn discard(self: Box<Self>) -> Result<(), ProviderError> {
-        end(&self.parts.cluster, &self.environment).await?;
+        // What has ended needs no question.
+        let has_ended = self.looked.as_ref().is_some_and(|looked| looked.ended.is_some());
+        if !has_ended && self.over.is_none() {
+            end(&self.parts.cluster, &self.environment).await?;
+        }
         retried(|| self.parts.agent.remove(&self.environment))
             .await
             .map(drop)

@@ -222,17 +222,45 @@ pub enum Event {
         #[serde(default, skip_serializing_if = "Option::is_none")]
         round: Option<u32>,
     },
+    /// The process that worked on the run left, and jobs of the run go on.
+    RunLeft,
     /// All scenarios have an outcome.
     RunFinished,
     /// The run was asked to stop; it can be resumed.
     RunInterrupted,
 }
 
-/// Where a job stands, in its batch system's own words.
+/// Where a job stands.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum Standing {
+    /// It waits for its turn.
+    Waits,
+    /// It waits for what will never be.
+    WaitsForEver,
+    /// It runs, or is just beginning or ending.
+    Runs,
+    /// It has ended, or was taken back.
+    Ended,
+    /// Its node failed or was taken away; the scenario is none the worse.
+    LostItsNode,
+}
+
+impl Standing {
+    /// Whether it has not ended.
+    #[must_use]
+    pub const fn is_alive(self) -> bool {
+        matches!(self, Self::Waits | Self::WaitsForEver | Self::Runs)
+    }
+}
+
+/// Where a job stands, with its batch system's own words.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
 pub struct JobStanding {
     /// Its number.
     pub job: String,
+    /// What its state means.
+    pub standing: Standing,
     /// The system's word for its state, such as `PENDING`.
     pub state: String,
     /// Why it waits or has ended.
@@ -244,6 +272,18 @@ pub struct JobStanding {
     /// When it began or may begin, in the cluster's time zone.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub start: Option<String>,
+}
+
+impl JobStanding {
+    /// Whether it stands elsewhere later. A forecast alone changes all the time.
+    #[must_use]
+    pub fn has_changed(&self, later: &Self) -> bool {
+        let without_forecast = |it: &Self| Self {
+            start: None,
+            ..it.clone()
+        };
+        without_forecast(self) != without_forecast(later)
+    }
 }
 
 /// How a scenario ended.

@@ -160,7 +160,10 @@ impl RunState {
                 self.plan_sha256.clone_from(plan_sha256);
             }
             Event::RunFinished => self.finished = true,
-            Event::RunInterrupted | Event::HostBusy { .. } | Event::EnvironmentFound { .. } => {}
+            Event::RunLeft
+            | Event::RunInterrupted
+            | Event::HostBusy { .. }
+            | Event::EnvironmentFound { .. } => {}
             Event::EnvironmentCreated {
                 scenario,
                 environment,
