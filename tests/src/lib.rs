@@ -5,6 +5,7 @@
 
 pub mod browser;
 pub mod campaign;
+pub mod cluster;
 pub mod difference;
 pub mod documents;
 pub mod engine;
@@ -23,6 +24,7 @@ use std::{
     ffi::OsStr,
     fs::File,
     io::{BufRead, BufReader, Read as _},
+    os::unix::fs::chown,
     path::{Path, PathBuf},
     process::{Child, Command, Output, Stdio},
     sync::{Arc, OnceLock},
@@ -30,7 +32,7 @@ use std::{
 
 use nix::{
     sys::signal::{Signal, kill},
-    unistd::Pid,
+    unistd::{Pid, User},
 };
 use serde_json::Value;
 use tempfile::TempDir;
@@ -97,6 +99,15 @@ pub struct Workplace {
     folder: TempDir,
     turn: Option<Turn>,
     variables: Vec<(String, String)>,
+    user: Option<AsUser>,
+}
+
+/// Whoever calls `matrix`, where it is not who runs the tests.
+#[derive(Clone)]
+struct AsUser {
+    name: String,
+    home: PathBuf,
+    matrix: PathBuf,
 }
 
 /// A test that measures has the machine and its engine for itself: `matrix clean` of one would remove what another
@@ -175,6 +186,7 @@ impl Workplace {
             folder: TempDir::with_prefix("matrix-test-").expect("a folder to work in"),
             turn: None,
             variables: Vec::new(),
+            user: None,
         }
     }
 
@@ -197,9 +209,36 @@ impl Workplace {
     /// Another folder for the same test, which has its turn already.
     #[must_use]
     pub fn beside(&self) -> Self {
-        Self {
+        let turn = Self {
             turn: self.turn.clone(),
             ..Self::new()
+        };
+        match &self.user {
+            Some(user) => turn.of_user(&user.name, &user.matrix),
+            None => turn,
+        }
+    }
+
+    /// The same for another user, in a folder below that user's home, with `matrix` from where that user can read it.
+    ///
+    /// # Panics
+    /// When there is no such user, or this is not root.
+    #[must_use]
+    pub fn of_user(self, name: &str, matrix: &Path) -> Self {
+        let user = User::from_name(name)
+            .ok()
+            .flatten()
+            .expect("there is such a user");
+        let folder = TempDir::with_prefix_in("matrix-test-", &user.dir).expect("the home can be written");
+        chown(folder.path(), Some(user.uid.as_raw()), Some(user.gid.as_raw())).expect("this is root");
+        Self {
+            folder,
+            user: Some(AsUser {
+                name: name.to_owned(),
+                home: user.dir,
+                matrix: matrix.to_owned(),
+            }),
+            ..self
         }
     }
 
@@ -221,17 +260,32 @@ impl Workplace {
 
     /// The `matrix` command in this folder.
     pub fn matrix(&self, arguments: impl IntoIterator<Item = impl AsRef<OsStr>>) -> Command {
-        let mut command = Command::new(matrix_binary());
-        command
-            .args(arguments)
-            .current_dir(self.path())
-            .stdin(Stdio::null());
+        let matrix = self.user.as_ref().map(|user| user.matrix.as_path());
+        let mut command = self.program(matrix.unwrap_or_else(|| matrix_binary()));
+        command.args(arguments);
         command.env("MATRIX_STATE_DIR", self.path().join("state"));
         command.env_remove("RUST_BACKTRACE");
         command.envs(self.variables.iter().cloned());
         if self.turn.is_none() {
             command.env("MATRIX_LEASE", self.path().join("lease"));
         }
+        command
+    }
+
+    /// A program in this folder, called by whoever calls `matrix`.
+    pub fn program(&self, program: impl AsRef<OsStr>) -> Command {
+        let mut command = match &self.user {
+            None => Command::new(program),
+            Some(user) => {
+                let mut command = Command::new("setpriv");
+                command
+                    .args(["--reuid", &user.name, "--regid", &user.name, "--init-groups"])
+                    .arg(program)
+                    .env("HOME", &user.home);
+                command
+            }
+        };
+        command.current_dir(self.path()).stdin(Stdio::null());
         command
     }
 

@@ -4,6 +4,7 @@
 
 use std::{sync::Arc, time::Duration};
 
+use record::causes::with_causes;
 use tokio::{
     sync::Mutex,
     time::{Instant, sleep_until},
@@ -39,7 +40,7 @@ impl Snapshot {
 /// Asks for all jobs, for all who want to know.
 pub struct Queue {
     system: Arc<dyn BatchSystem>,
-    last: Mutex<Option<Last>>,
+    last: Arc<Mutex<Option<Last>>>,
 }
 
 struct Last {
@@ -51,6 +52,20 @@ struct Last {
 }
 
 impl Last {
+    fn of(asked: Instant, answer: Result<Vec<Job>, ProviderError>, before: Option<Self>) -> Self {
+        let (unanswered, jobs) =
+            before.map_or((0, Vec::new()), |it| (it.unanswered, it.snapshot.jobs.clone()));
+        let (unanswered, jobs, silence) = match answer {
+            Ok(jobs) => (0, jobs, None),
+            Err(error) => (unanswered.saturating_add(1), jobs, Some(with_causes(&error))),
+        };
+        Self {
+            snapshot: Arc::new(Snapshot { asked, jobs, silence }),
+            took: asked.elapsed(),
+            unanswered,
+        }
+    }
+
     /// When the next question may be asked.
     fn next(&self, apart: Duration) -> Instant {
         let apart = match self.unanswered {
@@ -69,45 +84,35 @@ impl Queue {
     pub fn new(system: Arc<dyn BatchSystem>) -> Self {
         Self {
             system,
-            last: Mutex::default(),
+            last: Arc::default(),
         }
     }
 
     /// What the queue was after `since`. The cluster is asked only if nobody has asked since then, and questions are `apart` from
-    /// each other. Cancel-safe: who waits next asks.
+    /// each other. Cancel-safe: the question goes on, and its answer is for who asks next.
     pub async fn after(&self, since: Instant, apart: Duration) -> Arc<Snapshot> {
-        let mut last = self.last.lock().await;
-        if let Some(seen) = last.as_ref() {
-            if seen.snapshot.asked > since {
-                return Arc::clone(&seen.snapshot);
-            }
-            sleep_until(seen.next(apart)).await;
+        let mut last = Arc::clone(&self.last).lock_owned().await;
+        if let Some(seen) = last.as_ref().filter(|seen| seen.snapshot.asked > since) {
+            return Arc::clone(&seen.snapshot);
         }
-        let asked = Instant::now();
-        let answer = self.system.jobs().await;
-        let seen = Last {
-            took: asked.elapsed(),
-            unanswered: match (&answer, last.as_ref()) {
-                (Ok(_), _) => 0,
-                (Err(_), before) => before.map_or(0, |before| before.unanswered).saturating_add(1),
-            },
-            snapshot: Arc::new(match answer {
-                Ok(jobs) => Snapshot {
-                    asked,
-                    jobs,
-                    silence: None,
-                },
-                Err(error) => Snapshot {
-                    asked,
-                    jobs: last
-                        .take()
-                        .map(|before| before.snapshot.jobs.clone())
-                        .unwrap_or_default(),
-                    silence: Some(record::causes::with_causes(&error)),
-                },
-            }),
-        };
-        Arc::clone(&last.insert(seen).snapshot)
+        let system = Arc::clone(&self.system);
+        let asking = tokio::spawn(async move {
+            if let Some(seen) = last.as_ref() {
+                sleep_until(seen.next(apart)).await;
+            }
+            let asked = Instant::now();
+            let answer = system.jobs().await;
+            let seen = Last::of(asked, answer, last.take());
+            Arc::clone(&last.insert(seen).snapshot)
+        });
+        // Its task ends before its answer only with the whole program.
+        asking.await.unwrap_or_else(|error| {
+            Arc::new(Snapshot {
+                asked: Instant::now(),
+                jobs: Vec::new(),
+                silence: Some(error.to_string()),
+            })
+        })
     }
 
     /// What the queue is now, for what cannot wait: whether a job is there before it is submitted once more, or after it was taken

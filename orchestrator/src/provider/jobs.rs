@@ -32,7 +32,7 @@ use record::{
 };
 use serde_json::{Map, json};
 use tokio::{
-    sync::OnceCell,
+    sync::{Mutex as AsyncMutex, OnceCell},
     time::{Instant, sleep},
 };
 
@@ -82,7 +82,7 @@ pub struct Jobs {
     version: OnceCell<String>,
     longest_minutes: OnceCell<Option<u32>>,
     /// The one node of a run whose nodes are to be one.
-    node: OnceCell<Option<String>>,
+    node: AsyncMutex<Option<String>>,
     memory: Arc<Mutex<Memory>>,
 }
 
@@ -113,7 +113,7 @@ impl Jobs {
             programs: OnceCell::new(),
             version: OnceCell::new(),
             longest_minutes: OnceCell::new(),
-            node: OnceCell::new(),
+            node: AsyncMutex::default(),
             memory: Arc::default(),
         }
     }
@@ -198,24 +198,33 @@ impl Jobs {
         if self.nodes.slurm.nodes != Nodes::One {
             return Ok(None);
         }
-        let find = || async {
-            let queue = self.cluster.queue.now().await?;
-            let is_of_run = |job: &&Job| {
-                let owner = job.owner.as_ref();
-                owner.is_some_and(|owner| (&owner.run, &owner.host) == (&request.run, &request.host))
-            };
-            let queued = queue
-                .iter()
-                .filter(is_of_run)
-                .find_map(|job| job.wanted_node.clone());
-            Ok::<_, ProviderError>(match queued.or_else(|| measured_on(request)) {
-                Some(node) => Some(node),
-                None => self.cluster.system.forecast(job).await?.node,
-            })
+        let lost = self.remembered().lost.clone();
+        let can = |node: &String| !lost.contains(node);
+        let mut chosen = self.node.lock().await;
+        if let Some(node) = chosen.clone().filter(can) {
+            return Ok(Some(node));
+        }
+        let is_of_run = |job: &&Job| {
+            let owner = job.owner.as_ref();
+            job.standing.is_alive()
+                && owner.is_some_and(|owner| (&owner.run, &owner.host) == (&request.run, &request.host))
         };
-        let node = self.node.get_or_try_init(find).await?.clone();
-        let lost = &self.remembered().lost;
-        Ok(node.filter(|node| !lost.contains(node)))
+        let queue = self.cluster.queue.now().await?;
+        let mut queued = queue
+            .iter()
+            .filter(is_of_run)
+            .filter_map(|job| job.wanted_node.clone());
+        *chosen = match queued.find(can).or_else(|| measured_on(request).filter(can)) {
+            Some(node) => Some(node),
+            None => {
+                let job = JobRequest {
+                    not_on: lost.clone(),
+                    ..job.clone()
+                };
+                self.cluster.system.forecast(&job).await?.node
+            }
+        };
+        Ok(chosen.clone())
     }
 
     fn at_once(&self) -> usize {

@@ -14,7 +14,7 @@ use record::{
     run_directory::{JobStanding, Standing, fact},
 };
 use serde_json::{Map, Value};
-use tokio::time::Instant;
+use tokio::time::{Instant, sleep_until};
 
 use super::{Memory, end};
 use crate::{
@@ -30,6 +30,8 @@ use crate::{
 
 /// How often a job that was asked to end is looked at. Somebody waits for it.
 const ENDING: Duration = Duration::from_secs(1);
+/// Why a job waits whose node is down, drained or reserved.
+const NODE_GONE: &str = "ReqNodeNotAvail";
 /// Whoever runs the cluster could fill the journal with changes of a job's state.
 const MOST_CHANGES: u32 = 200;
 
@@ -53,8 +55,10 @@ pub struct JobEnvironment {
     facts: Map<String, Value>,
     /// Where its job stood when it was submitted or found.
     job: JobStanding,
-    /// When it was looked at last.
+    /// When the queue was looked at last.
     seen: Instant,
+    /// When the folder was.
+    seen_folder: Instant,
     told: Option<JobStanding>,
     changes: u32,
     lines: Lines,
@@ -93,6 +97,7 @@ impl JobEnvironment {
             facts,
             job,
             seen: Instant::now(),
+            seen_folder: Instant::now(),
             told: None,
             changes: 0,
             lines: Lines::default(),
@@ -117,7 +122,17 @@ impl JobEnvironment {
     /// Looks at the queue and at the folder once more; where the job stands, if that is new.
     async fn take_in(&mut self) -> Result<Option<JobStanding>, ProviderError> {
         self.backoff.pause().await;
-        let snapshot = self.parts.cluster.queue.after(self.seen, self.apart()).await;
+        // What the job writes does not wait for a cluster that does not answer.
+        let snapshot = tokio::select! {
+            snapshot = self.parts.cluster.queue.after(self.seen, self.apart()) => snapshot,
+            () = sleep_until(self.seen_folder + self.apart() * 2) => {
+                if self.looked.is_some() {
+                    self.look().await?;
+                }
+                self.seen_folder = Instant::now();
+                return Ok(None);
+            }
+        };
         let job = snapshot.job(&self.environment).cloned();
         let begun = self.looked.as_ref().is_some_and(|looked| looked.job.is_some());
         let waits = job
@@ -128,6 +143,7 @@ impl JobEnvironment {
             self.look().await?;
         }
         self.seen = snapshot.asked;
+        self.seen_folder = Instant::now();
         if self.complete {
             return Ok(None);
         }
@@ -163,7 +179,19 @@ impl JobEnvironment {
     /// What the state of the job means for the environment.
     async fn judge(&mut self, job: Option<&Job>) -> Result<(), ProviderError> {
         let over = match job.map(|job| (job, job.standing)) {
-            Some((_, Standing::Waits)) => None,
+            Some((job, Standing::Waits)) => match self.waits_for_a_lost_node(job) {
+                Some(node) => {
+                    self.parts.cluster.system.cancel(&job.id).await?;
+                    Some(Over {
+                        how: format!(
+                            "job {} waited for node {node}, which is not there any more",
+                            job.id
+                        ),
+                        lost_its_node: true,
+                    })
+                }
+                None => None,
+            },
             Some((job, Standing::Runs)) => {
                 if self.asked_to_stop && self.looked.is_none() {
                     // It began while it was taken back.
@@ -226,6 +254,37 @@ impl JobEnvironment {
             self.complete = true;
         }
         Ok(())
+    }
+
+    /// The node that was chosen for a job and will not come, whether or not it was seen to fail. One that the user named is waited
+    /// for.
+    fn waits_for_a_lost_node(&self, job: &Job) -> Option<String> {
+        let node = job.wanted_node.clone()?;
+        if self.parts.slurm.nodelist.is_some() {
+            return None;
+        }
+        let is_gone = job
+            .reason
+            .as_ref()
+            .is_some_and(|reason| reason.starts_with(NODE_GONE));
+        let mut memory = self.parts.memory.lock().unwrap_or_else(PoisonError::into_inner);
+        if is_gone {
+            memory.lost.insert(node.clone());
+        }
+        memory.lost.contains(&node).then_some(node)
+    }
+
+    /// Who asked the workload to end, as far as the queue tells.
+    async fn ended_by_another(&self) -> String {
+        let seen = self.parts.cluster.queue.after(self.seen, ENDING).await;
+        let state = seen.job(&self.environment).map_or_else(
+            || "the batch system does not know it any more".to_owned(),
+            |job| format!("its state is {}", job.state),
+        );
+        format!(
+            "job {} was asked to end, as `scancel` does, and the batch system itself before a job's time is over: {state}",
+            self.job.job
+        )
     }
 
     fn news(&mut self, job: &Job) -> Option<JobStanding> {
@@ -292,6 +351,9 @@ impl Environment for JobEnvironment {
 
     async fn ended(&mut self) -> Result<Ended, ProviderError> {
         while self.next_progress().await?.is_some() {}
+        if matches!(self.last_line, Some(Progress::Stopped { .. })) && !self.asked_to_stop {
+            return Ok(Ended::failed(&self.ended_by_another().await));
+        }
         let looked = self.looked.as_ref();
         let words = looked.map(|looked| looked.last_words.clone()).unwrap_or_default();
         let ended = match (looked.and_then(|looked| looked.ended), &self.over) {

@@ -1,0 +1,451 @@
+//! Scenarios as jobs of a real Slurm: nodes that lose their power or stand still, a `matrix` that is killed, a controller that is away,
+//! jobs that others cancel. As an ordinary user, from the submit host and over SSH.
+
+use std::{fs, path::Path};
+
+use serde_json::Value;
+use tests::{
+    Ran, WHOLE_WINDOWS_COUNT,
+    cluster::{Cluster, give},
+    is_whole,
+    sshd::Sshd,
+    workloads_for,
+};
+
+/// Asked often, so that nobody waits.
+const QUICK: &str = "poll: 1s, visible_within: 1s";
+
+/// A matrix of one native host that any node of this machine's kind can be.
+fn matrix(slurm: &str, workload: &str) -> String {
+    format!(
+        "hosts:\n  lab:\n    hardware: x86_64\n    os: debian-12\n    connect: {{slurm: {{{QUICK}, {slurm}}}}}\n\
+         matrix: {{virtualization: [native]{workload}\n  {WHOLE_WINDOWS_COUNT}\n"
+    )
+}
+
+/// So many windows of so many seconds.
+fn windows(windows: u32, seconds: u32) -> String {
+    format!(
+        "}}\nworkload:\n  windows: {windows}\n  window: {seconds}s\n  period: 1s\n  reference: {{amplitude_m: 0.05}}"
+    )
+}
+
+fn scenarios(report: &Value) -> &Vec<Value> {
+    report["scenarios"].as_array().expect("there are scenarios")
+}
+
+/// The lines of the journal of one kind.
+fn journaled(run: &Path, event: &str) -> Vec<Value> {
+    let journal = fs::read_to_string(run.join("events.jsonl")).expect("there is a journal");
+    let events = journal
+        .lines()
+        .map(|line| serde_json::from_str::<Value>(line).expect("a journal's lines are JSON"));
+    events.filter(|it| it["event"] == event).collect()
+}
+
+/// Fails unless every window of every scenario is there, whole, and was collected once.
+fn all_is_whole(run: &Path, scenarios: usize, windows: u32) {
+    let folders: Vec<_> = fs::read_dir(run.join("scenarios"))
+        .expect("there are scenarios")
+        .map(|it| it.expect("it can be read").path())
+        .collect();
+    assert_eq!(folders.len(), scenarios, "{folders:?}");
+    for folder in folders {
+        for window in 1..=windows {
+            assert!(
+                is_whole(&folder.join(format!("window-{window}"))),
+                "{folder:?} {window}"
+            );
+        }
+    }
+    let collected = journaled(run, "window-collected");
+    assert_eq!(collected.len(), scenarios * windows as usize, "{collected:#?}");
+}
+
+/// The facts of a scenario's last environment.
+fn facts(run: &Path, slug: &str) -> Value {
+    let path = run.join("scenarios").join(slug).join("environment.json");
+    let record: Value =
+        serde_json::from_slice(&fs::read(path).expect("it was collected")).expect("it is JSON");
+    record["facts"].clone()
+}
+
+fn nothing_is_left(cluster: &Cluster) {
+    assert_eq!(cluster.jobs(), Vec::<[String; 4]>::new());
+    let cleaned = cluster.workplace.run(&["clean"]);
+    assert!(cleaned.err.contains("nothing of ours is left"), "{cleaned:?}");
+}
+
+fn done(ran: &Ran) {
+    assert_eq!(ran.code, Some(0), "{ran:?}");
+}
+
+#[test]
+fn two_kinds_of_nodes_measure_a_sweep_over_ssh_and_a_power_cut_costs_the_window_that_it_cut() {
+    let cluster = Cluster::start();
+    let home = cluster.workplace.path();
+    let keys = home.join("authorized_keys");
+    let sshd = Sshd::with(&format!("AuthorizedKeysFile {}", keys.display()));
+    for (from, to) in [
+        (sshd.identity().with_extension("pub"), "authorized_keys"),
+        (sshd.identity(), "identity"),
+        (sshd.known_hosts(), "known_hosts"),
+    ] {
+        fs::copy(from, home.join(to)).unwrap();
+        give(&home.join(to));
+    }
+    let submit = format!(
+        "{{ssh: \"researcher@127.0.0.1:{}\", identity: identity, known_hosts: known_hosts}}",
+        sshd.port()
+    );
+    let workloads = workloads_for(&["i686"]);
+    let mut workplace = cluster.workplace.beside();
+    workplace.set("MATRIX_WORKLOADS", &workloads.display().to_string());
+    let slurm = format!("{QUICK}, submit: {submit}");
+    for file in ["identity", "known_hosts"] {
+        fs::copy(home.join(file), workplace.path().join(file)).unwrap();
+        give(&workplace.path().join(file));
+    }
+    workplace.write(
+        "m.yaml",
+        format!(
+            "hosts:\n  new: {{hardware: x86_64, os: debian-12, connect: {{slurm: {{{slurm}, constraint: x86_64}}}}}}\n  \
+             old: {{hardware: i686, os: ubuntu-22.04, connect: {{slurm: {{{slurm}, constraint: i686}}}}}}\n\
+             matrix: {{hardware: [x86_64, i686], os: [debian-12, ubuntu-22.04], virtualization: [native], \
+             reference.amplitude_m: [0.03, 0.05], \
+             exclude: [{{hardware: x86_64, os: ubuntu-22.04}}, {{hardware: i686, os: debian-12}}]}}\n\
+             workload:\n  windows: 3\n  window: 4s\n  period: 1s\n  {WHOLE_WINDOWS_COUNT}\n"
+        ),
+    );
+    let mut running = workplace.start(&["run", "m.yaml"]);
+    // In the second window of a scenario on a node that has a twin.
+    let line = loop {
+        let line = running.wait_for("window 1 complete");
+        if line.starts_with("x86-64") {
+            break line;
+        }
+    };
+    let jobs = cluster.jobs();
+    let (node, cut) = jobs
+        .iter()
+        .find(|[_, state, _, name]| state == "RUNNING" && name.contains("x86-64"))
+        .map(|[_, _, node, name]| (node.clone(), name.clone()))
+        .unwrap_or_else(|| panic!("{line}: {jobs:?}"));
+    cluster.node("off", &node);
+    let ran = running.end();
+    done(&ran);
+    let run = workplace.run_directory();
+    let report = fs::read(run.join("report/report.json")).unwrap();
+    let report: Value = serde_json::from_slice(&report).unwrap();
+    assert_eq!(scenarios(&report).len(), 4, "{report:#}");
+    assert!(
+        scenarios(&report).iter().all(|it| it["outcome"] == "completed"),
+        "{report:#}"
+    );
+    all_is_whole(&run, 4, 3);
+    // One environment was lost with its node, and what it had measured was kept.
+    let created = journaled(&run, "environment-created");
+    assert_eq!(created.len(), 5, "{created:#?}");
+    let of_the_cut = journaled(&run, "window-collected")
+        .iter()
+        .filter(|it| it["environment"] == cut.as_str())
+        .count();
+    assert!((1..3).contains(&of_the_cut), "{of_the_cut} windows of {cut}");
+    for (slug, hardware, node) in [
+        ("x86-64-debian-12-native-amplitude-m-0-03", "x86_64", None),
+        ("i686-ubuntu-22-04-native-amplitude-m-0-03", "i686", Some("n3")),
+    ] {
+        let facts = facts(&run, slug);
+        assert!(
+            facts["batch_system"].as_str().unwrap().starts_with("Slurm "),
+            "{facts:#}"
+        );
+        assert!(node.is_none_or(|node| facts["node"] == node), "{facts:#}");
+        let environment =
+            fs::read_to_string(run.join("scenarios").join(slug).join("environment.json")).unwrap();
+        assert!(
+            environment.contains(&format!("\"machine\": \"{hardware}\"")),
+            "{environment}"
+        );
+    }
+    cluster.node("on", &node);
+    assert_eq!(cluster.jobs(), Vec::<[String; 4]>::new());
+}
+
+#[test]
+fn jobs_need_no_matrix_and_one_that_comes_back_takes_up_what_is_there() {
+    let cluster = Cluster::start();
+    let workplace = &cluster.workplace;
+    workplace.write(
+        "m.yaml",
+        matrix(
+            "constraint: x86_64",
+            &format!(", reference.amplitude_m: [0.02, 0.03]{}", windows(2, 3)),
+        ),
+    );
+    let submitted = workplace.run(&["run", "m.yaml", "--submit"]);
+    done(&submitted);
+    assert!(
+        submitted.err.contains("2 jobs are submitted or measure"),
+        "{submitted:?}"
+    );
+    let run = workplace.run_directory();
+    let run_argument = run.to_str().unwrap();
+    assert_eq!(cluster.jobs().len(), 2);
+    let status = workplace.json(&["status", run_argument, "--hosts"]);
+    let states: Vec<_> = scenarios(&status)
+        .iter()
+        .map(|it| it["state"].as_str().unwrap())
+        .collect();
+    assert!(states.contains(&"queued"), "{status:#}");
+    // What is there already is neither submitted once more nor said once more.
+    let before = journaled(&run, "scenario-started").len();
+    done(&workplace.run(&["resume", run_argument, "--submit"]));
+    assert_eq!(cluster.jobs().len(), 2);
+    assert_eq!(journaled(&run, "scenario-started").len(), before);
+    cluster.until("both jobs have ended", || cluster.jobs().is_empty());
+    // Slurm forgets jobs, and what they left in the folder counts.
+    cluster.until("Slurm has forgotten them", || {
+        cluster
+            .slurm(&["squeue", "--noheader", "--me", "--states=all"])
+            .is_empty()
+    });
+    let collected = workplace.run(&["resume", run_argument, "--submit"]);
+    done(&collected);
+    all_is_whole(&run, 2, 2);
+    assert_eq!(journaled(&run, "environment-created").len(), 2);
+    nothing_is_left(&cluster);
+}
+
+#[test]
+fn a_matrix_that_is_killed_at_any_step_of_a_submission_leaves_one_job_for_each_environment() {
+    let cluster = Cluster::start();
+    let workplace = &cluster.workplace;
+    workplace.write("m.yaml", matrix("constraint: x86_64", &windows(1, 3)));
+    // `sbatch` as a user may have it, which dies or has its caller die before, in or after the submission.
+    let real = cluster.slurm(&["sh", "-c", "command -v sbatch"]);
+    let real = real.trim();
+    let bin = workplace.path().join("bin");
+    fs::create_dir(&bin).unwrap();
+    for tool in ["squeue", "scancel", "sinfo"] {
+        let path = cluster.slurm(&["sh", "-c", &format!("command -v {tool}")]);
+        std::os::unix::fs::symlink(path.trim(), bin.join(tool)).unwrap();
+    }
+    let kill = "kill -KILL $(ps -o ppid= $$)";
+    for (moment, script) in [
+        (
+            "before",
+            format!("case \"$*\" in *--test-only*) exec {real} \"$@\";; esac; {kill}"),
+        ),
+        (
+            "after",
+            format!("case \"$*\" in *--test-only*) exec {real} \"$@\";; esac; {real} \"$@\"; {kill}"),
+        ),
+    ] {
+        let sbatch = bin.join("sbatch");
+        fs::write(&sbatch, format!("#!/bin/sh\n{script}\n")).unwrap();
+        fs::set_permissions(&sbatch, std::os::unix::fs::PermissionsExt::from_mode(0o755)).unwrap();
+        workplace.write(
+            "killed.yaml",
+            matrix(
+                &format!("constraint: x86_64, bin: {}", bin.display()),
+                &windows(1, 3),
+            ),
+        );
+        let killed = workplace.run(&["run", "killed.yaml", "--out", moment]);
+        assert_eq!(killed.code, None, "{moment}: {killed:?}");
+        let there = cluster.jobs().len();
+        assert_eq!(there, usize::from(moment == "after"), "{moment}");
+        // It works again.
+        fs::write(&sbatch, format!("#!/bin/sh\nexec {real} \"$@\"\n")).unwrap();
+        let runs = workplace.path().join(moment);
+        let run = fs::read_dir(&runs).unwrap().next().unwrap().unwrap().path();
+        let resumed = workplace.run(&["resume", run.to_str().unwrap()]);
+        done(&resumed);
+        all_is_whole(&run, 1, 1);
+        let creating = journaled(&run, "environment-creating").len();
+        let expected = if moment == "after" { 1 } else { 2 };
+        assert_eq!(creating, expected, "{moment}: {resumed:?}");
+        nothing_is_left(&cluster);
+    }
+}
+
+#[test]
+fn a_node_that_stands_still_is_given_up_and_does_not_write_where_another_does_when_it_goes_on() {
+    let cluster = Cluster::start();
+    let workplace = &cluster.workplace;
+    workplace.write("m.yaml", matrix("constraint: x86_64", &windows(2, 6)));
+    let mut running = workplace.start(&["run", "m.yaml"]);
+    running.wait_for("window 1 complete");
+    let node = cluster.running_on();
+    cluster.node("hang", &node);
+    running.wait_for("NODE_FAIL");
+    running.wait_for("window 1 collected");
+    running.wait_for("environment discarded");
+    // It thinks that nothing has happened.
+    cluster.node("wake", &node);
+    let ran = running.end();
+    done(&ran);
+    let run = workplace.run_directory();
+    all_is_whole(&run, 1, 2);
+    let environments: Vec<_> = journaled(&run, "window-collected")
+        .iter()
+        .map(|it| it["environment"].clone())
+        .collect();
+    assert_ne!(environments[0], environments[1], "{environments:?}");
+    let elsewhere = facts(&run, "x86-64-debian-12-native")["node"].clone();
+    assert_ne!(elsewhere, node.as_str());
+    nothing_is_left(&cluster);
+}
+
+#[test]
+fn a_controller_that_is_away_costs_nothing_and_a_job_that_another_cancels_is_told_as_such() {
+    let cluster = Cluster::start();
+    let workplace = &cluster.workplace;
+    workplace.write("m.yaml", matrix("constraint: x86_64", &windows(3, 5)));
+    let mut running = workplace.start(&["run", "m.yaml"]);
+    running.wait_for("measuring window 1");
+    cluster.controller(false);
+    running.wait_for("window 1 complete");
+    cluster.controller(true);
+    running.wait_for("window 2 complete");
+    let jobs = cluster.jobs();
+    let [number, ..] = &jobs[0];
+    let _ = cluster.slurm(&["scancel", number]);
+    let ran = running.end();
+    assert_eq!(ran.code, Some(3), "{ran:?}");
+    assert!(
+        ran.err.contains("CANCELLED") || ran.out.contains("CANCELLED"),
+        "{ran:?}"
+    );
+    let run = workplace.run_directory();
+    assert_eq!(journaled(&run, "window-collected").len(), 2);
+    // What is missing is measured when it is asked for.
+    done(&workplace.run(&["resume", run.to_str().unwrap()]));
+    all_is_whole(&run, 1, 3);
+    nothing_is_left(&cluster);
+}
+
+#[test]
+fn ctrl_c_and_clean_leave_no_job() {
+    let cluster = Cluster::start();
+    let workplace = &cluster.workplace;
+    let sweep = format!(", reference.amplitude_m: [0.02, 0.03, 0.04]{}", windows(3, 3));
+    workplace.write("m.yaml", matrix("constraint: x86_64", &sweep));
+    let mut running = workplace.start(&["run", "m.yaml"]);
+    running.wait_for("window 1 complete");
+    let ran = running.interrupt();
+    assert_eq!(ran.code, Some(130), "{ran:?}");
+    assert_eq!(cluster.jobs(), Vec::<[String; 4]>::new());
+    let run = workplace.run_directory();
+    assert_eq!(
+        journaled(&run, "window-collected").len(),
+        1,
+        "what was whole is there"
+    );
+    let submitted = workplace.run(&["resume", run.to_str().unwrap(), "--submit"]);
+    done(&submitted);
+    assert_eq!(cluster.jobs().len(), 3, "{submitted:?}");
+    let cleaned = workplace.run(&["clean"]);
+    assert_eq!(cleaned.out.matches("removed").count(), 3, "{cleaned:?}");
+    nothing_is_left(&cluster);
+}
+
+#[test]
+fn windows_that_no_job_may_measure_in_one_go_are_divided_among_jobs() {
+    let cluster = Cluster::start();
+    let workplace = &cluster.workplace;
+    // 90 s of the two minutes are for windows: one of 45 s with what is between them.
+    workplace.write(
+        "m.yaml",
+        matrix("partition: brief, constraint: x86_64", &windows(2, 46)),
+    );
+    let planned = workplace.run(&["plan", "m.yaml"]);
+    done(&planned);
+    workplace.write(
+        "long.yaml",
+        matrix("partition: brief, constraint: x86_64", &windows(1, 100)),
+    );
+    let long = workplace.run(&["run", "long.yaml", "--out", "long"]);
+    assert_eq!(long.code, Some(3), "{long:?}");
+    assert!(long.err.contains("a job may take 2 min there"), "{long:?}");
+    let ran = workplace.run(&["run", "m.yaml"]);
+    done(&ran);
+    let run = workplace.run_directory();
+    all_is_whole(&run, 1, 2);
+    assert_eq!(journaled(&run, "environment-created").len(), 2);
+    nothing_is_left(&cluster);
+}
+
+#[test]
+fn what_the_cluster_does_not_have_is_told_before_anything_is_submitted() {
+    let cluster = Cluster::start();
+    let workplace = &cluster.workplace;
+    for (slurm, reason, fix) in [
+        ("constraint: cray", "Invalid feature specification", "sinfo -o"),
+        ("constraint: \"i686&debian-12\"", "not available", "constraint"),
+        ("partition: night", "nvalid partition", "sinfo -s"),
+        (
+            "reservation: ours",
+            "eservation is invalid",
+            "scontrol show reservation",
+        ),
+        ("bin: /opt/slurm/bin", "there is no program", "connect.slurm.bin"),
+        (
+            "options: [--no-such-option]",
+            "unrecognized option",
+            "leave out of `options`",
+        ),
+    ] {
+        workplace.write("m.yaml", matrix(slurm, &windows(1, 3)));
+        let planned = workplace.json(&["plan", "m.yaml"]);
+        let scenario = &planned["scenarios"][0];
+        assert_eq!(scenario["feasible"], false, "{slurm}: {planned:#}");
+        let said = |field: &str| scenario[field].as_str().unwrap_or_default().to_owned();
+        assert!(said("reason").contains(reason), "{slurm}: {scenario:#}");
+        assert!(said("fix").contains(fix), "{slurm}: {scenario:#}");
+    }
+    // What only the job can know ends it before its first window.
+    let other = matrix("constraint: i686", &windows(1, 3));
+    workplace.write("m.yaml", other);
+    let ran = workplace.run(&["run", "m.yaml"]);
+    assert_eq!(ran.code, Some(3), "{ran:?}");
+    assert!(ran.err.contains("which is `i686`"), "{ran:?}");
+    assert_eq!(cluster.jobs(), Vec::<[String; 4]>::new());
+    // A container is no process, and the plan says what is.
+    workplace.write(
+        "docker.yaml",
+        matrix("constraint: x86_64", &windows(1, 3)).replace("[native]", "[docker]"),
+    );
+    let planned = workplace.json(&["plan", "docker.yaml"]);
+    let reason = planned["scenarios"][0]["reason"].as_str().unwrap();
+    assert!(reason.contains("nothing but a process can be a job"), "{reason}");
+}
+
+#[test]
+fn a_shared_folder_that_is_full_is_told_and_what_was_whole_is_kept() {
+    let cluster = Cluster::start();
+    let workplace = &cluster.workplace;
+    let small = Path::new("/home/researcher/small");
+    let root = small.join("root");
+    workplace.write(
+        "m.yaml",
+        matrix(
+            &format!("constraint: x86_64, root: {}", root.display()),
+            &windows(2, 4),
+        ),
+    );
+    let mut running = workplace.start(&["run", "m.yaml"]);
+    running.wait_for("window 1 complete");
+    let filler = small.join("filler");
+    let _ = fs::write(&filler, vec![0_u8; 24 << 20]);
+    let ran = running.end();
+    fs::remove_file(&filler).unwrap();
+    assert_eq!(ran.code, Some(3), "{ran:?}");
+    let run = workplace.run_directory();
+    assert_eq!(journaled(&run, "window-collected").len(), 1);
+    done(&workplace.run(&["resume", run.to_str().unwrap()]));
+    all_is_whole(&run, 1, 2);
+    nothing_is_left(&cluster);
+    fs::remove_dir_all(&root).unwrap();
+}
