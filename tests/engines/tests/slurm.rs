@@ -112,8 +112,7 @@ fn two_kinds_of_nodes_measure_a_sweep_over_ssh_and_a_power_cut_costs_the_window_
             "hosts:\n  new: {{hardware: x86_64, os: debian-12, connect: {{slurm: {{{slurm}, constraint: x86_64}}}}}}\n  \
              old: {{hardware: i686, os: ubuntu-22.04, connect: {{slurm: {{{slurm}, constraint: i686}}}}}}\n\
              matrix: {{hardware: [x86_64, i686], os: [debian-12, ubuntu-22.04], virtualization: [native], \
-             reference.amplitude_m: [0.03, 0.05], \
-             exclude: [{{hardware: x86_64, os: ubuntu-22.04}}, {{hardware: i686, os: debian-12}}]}}\n\
+             reference.amplitude_m: [0.03, 0.05]}}\n\
              workload:\n  windows: 3\n  window: 4s\n  period: 1s\n  {WHOLE_WINDOWS_COUNT}\n"
         ),
     );
@@ -137,15 +136,13 @@ fn two_kinds_of_nodes_measure_a_sweep_over_ssh_and_a_power_cut_costs_the_window_
     let run = workplace.run_directory();
     let report = fs::read(run.join("report/report.json")).unwrap();
     let report: Value = serde_json::from_slice(&report).unwrap();
-    assert_eq!(scenarios(&report).len(), 4, "{report:#}");
-    assert!(
-        scenarios(&report).iter().all(|it| it["outcome"] == "completed"),
-        "{report:#}"
-    );
+    let outcome = |wanted: &str| {
+        let is = |it: &&Value| it["outcome"] == wanted;
+        scenarios(&report).iter().filter(is).count()
+    };
+    assert_eq!((outcome("completed"), outcome("infeasible")), (4, 4));
     all_is_whole(&run, 4, 3);
-    // One environment was lost with its node, and what it had measured was kept.
-    let created = journaled(&run, "environment-created");
-    assert_eq!(created.len(), 5, "{created:#?}");
+    // What the lost environment had measured was kept.
     let of_the_cut = journaled(&run, "window-collected")
         .iter()
         .filter(|it| it["environment"] == cut.as_str())
@@ -314,10 +311,7 @@ fn a_controller_that_is_away_costs_nothing_and_a_job_that_another_cancels_is_tol
     let _ = cluster.slurm(&["scancel", number]);
     let ran = running.end();
     assert_eq!(ran.code, Some(3), "{ran:?}");
-    assert!(
-        ran.err.contains("CANCELLED") || ran.out.contains("CANCELLED"),
-        "{ran:?}"
-    );
+    assert!(ran.err.contains("was asked to end, as `scancel` does"), "{ran:?}");
     let run = workplace.run_directory();
     assert_eq!(journaled(&run, "window-collected").len(), 2);
     // What is missing is measured when it is asked for.
@@ -355,20 +349,20 @@ fn ctrl_c_and_clean_leave_no_job() {
 fn windows_that_no_job_may_measure_in_one_go_are_divided_among_jobs() {
     let cluster = Cluster::start();
     let workplace = &cluster.workplace;
-    // 90 s of the two minutes are for windows: one of 45 s with what is between them.
+    // 45 s of the minute are for windows: one of 23 s with what is between them.
     workplace.write(
         "m.yaml",
-        matrix("partition: brief, constraint: x86_64", &windows(2, 46)),
+        matrix("partition: brief, constraint: x86_64", &windows(2, 23)),
     );
     let planned = workplace.run(&["plan", "m.yaml"]);
     done(&planned);
     workplace.write(
         "long.yaml",
-        matrix("partition: brief, constraint: x86_64", &windows(1, 100)),
+        matrix("partition: brief, constraint: x86_64", &windows(1, 50)),
     );
     let long = workplace.run(&["run", "long.yaml", "--out", "long"]);
     assert_eq!(long.code, Some(3), "{long:?}");
-    assert!(long.err.contains("a job may take 2 min there"), "{long:?}");
+    assert!(long.err.contains("a job may take 1 min there"), "{long:?}");
     let ran = workplace.run(&["run", "m.yaml"]);
     done(&ran);
     let run = workplace.run_directory();

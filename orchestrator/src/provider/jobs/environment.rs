@@ -59,6 +59,7 @@ pub struct JobEnvironment {
     seen: Instant,
     /// When the folder was.
     seen_folder: Instant,
+    latest: Option<Job>,
     told: Option<JobStanding>,
     changes: u32,
     lines: Lines,
@@ -98,6 +99,7 @@ impl JobEnvironment {
             job,
             seen: Instant::now(),
             seen_folder: Instant::now(),
+            latest: None,
             told: None,
             changes: 0,
             lines: Lines::default(),
@@ -134,6 +136,9 @@ impl JobEnvironment {
             }
         };
         let job = snapshot.job(&self.environment).cloned();
+        if job.is_some() {
+            self.latest.clone_from(&job);
+        }
         let begun = self.looked.as_ref().is_some_and(|looked| looked.job.is_some());
         let waits = job
             .as_ref()
@@ -277,13 +282,12 @@ impl JobEnvironment {
     /// Who asked the workload to end, as far as the queue tells.
     async fn ended_by_another(&self) -> String {
         let seen = self.parts.cluster.queue.after(self.seen, ENDING).await;
-        let state = seen.job(&self.environment).map_or_else(
-            || "the batch system does not know it any more".to_owned(),
-            |job| format!("its state is {}", job.state),
-        );
+        let job = seen.job(&self.environment).or(self.latest.as_ref());
+        let state = job.map(|job| format!("; it is {}", job.state));
         format!(
-            "job {} was asked to end, as `scancel` does, and the batch system itself before a job's time is over: {state}",
-            self.job.job
+            "job {} was asked to end, as `scancel` does, and the batch system itself before a job's time is over{}",
+            self.job.job,
+            state.unwrap_or_default()
         )
     }
 
