@@ -18,7 +18,7 @@ use record::{
     run_directory::{
         Chain, EnvironmentRecord, Event, FORMAT, HostRecord, Journal, JournalEntry, Kind as Entry,
         LONGEST_RECORD, Manifest, Place, PlannedScenario, ReadError, RunDirectory, RunRecords, ScenarioState,
-        read_environment, read_file, read_record, read_window,
+        fact, read_environment, read_file, read_record, read_window,
     },
     virtual_host::VirtualHost,
     window::{NoticesRecord, WindowRecord},
@@ -308,6 +308,10 @@ impl Found {
                 self.add("path", path);
                 self.look_at_text(path);
             }
+            (fact::JOB_WISHES, Value::Array(options)) => {
+                let values = options.iter().filter_map(|it| it.as_str()?.split_once('='));
+                values.for_each(|(_, value)| self.add("option", value));
+            }
             (name, Value::String(text)) => {
                 self.look_at_text(text);
                 if PROSE.contains(&name) {
@@ -315,7 +319,13 @@ impl Found {
                 }
             }
             (name, Value::Array(values)) => values.iter().for_each(|value| self.look_at(name, value)),
-            (_, Value::Object(fields)) => fields.iter().for_each(|(name, value)| self.look_at(name, value)),
+            (_, Value::Object(fields)) => {
+                // Not every node is a cluster's: a job's is.
+                if let (Some(_), Some(node)) = (fields.get(fact::JOB), fields.get(fact::NODE)) {
+                    self.add_host(node.as_str().unwrap_or_default());
+                }
+                fields.iter().for_each(|(name, value)| self.look_at(name, value));
+            }
             _ => {}
         }
     }

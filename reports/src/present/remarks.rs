@@ -1,6 +1,6 @@
 //! What a reader must know before believing the tables, a sentence or two each. The function is [`remarks`].
 
-use std::collections::BTreeSet;
+use std::collections::{BTreeMap, BTreeSet};
 
 use record::family::Family;
 use statistics::ks::Procedure;
@@ -83,6 +83,7 @@ pub(super) fn remarks(report: &Report) -> Vec<String> {
         }
     }
     remarks.extend(unlike_remark(report));
+    remarks.extend(nodes_remarks(report));
     for (part, line) in report
         .parts
         .iter()
@@ -231,6 +232,34 @@ fn unlike_remark(report: &Report) -> Option<String> {
             pairs.join(", ")
         )
     })
+}
+
+/// Of each host that is a cluster, that its scenarios were measured on different nodes.
+fn nodes_remarks(report: &Report) -> Vec<String> {
+    let mut by_host: BTreeMap<&str, BTreeMap<&str, Vec<&str>>> = BTreeMap::new();
+    for scenario in &report.scenarios {
+        let Some(environment) = &scenario.environment else {
+            continue;
+        };
+        if let Some(node) = environment.node() {
+            let nodes = by_host.entry(&environment.host).or_default();
+            nodes.entry(node).or_default().push(&scenario.id);
+        }
+    }
+    let several = by_host.into_iter().filter(|(_, nodes)| nodes.len() > 1);
+    several
+        .map(|(host, nodes)| {
+            let nodes: Vec<String> = nodes
+                .into_iter()
+                .map(|(node, ids)| format!("{node} ({})", ids.join(", ")))
+                .collect();
+            format!(
+                "DIFFERENT NODES: the scenarios of host {host} ended on {}. A difference between two of different nodes may be one \
+                 between the nodes.",
+                nodes.join(" and ")
+            )
+        })
+        .collect()
 }
 
 /// Sizes at which no pair of windows can be rejected, if there are any among the comparisons.

@@ -19,7 +19,7 @@ const MEASURED: &str = "x86_64-debian-native";
 const ERRORED: &str = "x86_64-debian-docker";
 
 /// All that must not be found again.
-const SECRETS: [&str; 12] = [
+const SECRETS: [&str; 14] = [
     "jane",
     "lab-mac",
     "lab.example.org",
@@ -32,6 +32,8 @@ const SECRETS: [&str; 12] = [
     "kaputnik",
     "root=UUID",
     "acme-robotics",
+    "zeus31",
+    "grant-4711",
 ];
 
 /// A run that has names wherever a run may have them.
@@ -66,8 +68,8 @@ fn with_names() -> Synthetic {
         plan["scenarios"][1]["host"] = json!("lab-mac")
     });
     edit(&directory.environment(MEASURED).path(), |environment| {
-        environment["facts"] =
-            json!({"machine": {"options": {"storage": "/Users/smith/disks"}}, "box": {"sha256": "aa"}});
+        environment["facts"] = json!({"machine": {"options": {"storage": "/Users/smith/disks"}}, "box": {"sha256": "aa"},
+                "job": "17", "node": "zeus31", "job_wishes": ["--account=grant-4711", "--exclusive"]});
         environment["platform"] = json!({
             "hostname": "node17.cluster.uni.edu",
             "kernel": "6.1",

@@ -708,6 +708,28 @@ fn a_platform_that_changed_while_it_was_measured_is_told() {
 }
 
 #[test]
+fn scenarios_of_a_host_that_ended_on_different_nodes_are_told() {
+    let synthetic = Synthetic::new(&nine());
+    for (slug, node) in [
+        ("i686-ubuntu-native", "n1"),
+        ("i686-ubuntu-virtualbox", "n2"),
+        ("i7-osx-docker", "n1"),
+    ] {
+        let path = synthetic.directory.environment(slug).path();
+        let mut record: EnvironmentRecord = serde_json::from_slice(&std::fs::read(&path).unwrap()).unwrap();
+        record.host = "cluster".to_owned();
+        record.facts.insert("node".to_owned(), json!(node));
+        std::fs::write(&path, serde_json::to_vec(&record).unwrap()).unwrap();
+    }
+    let markdown = report_of(&synthetic).present().markdown();
+    let told = markdown.split_whitespace().collect::<Vec<_>>().join(" ");
+    assert!(
+        told.contains("DIFFERENT NODES: the scenarios of host cluster ended on n1 (b, d) and n2 (c)"),
+        "{told}"
+    );
+}
+
+#[test]
 fn a_workload_for_another_machine_than_the_kernels_is_told() {
     let said = "the workload is a program for i686, on a kernel for x86_64";
     let told = told_of(json!({"machine": "x86_64", "workload_machine": "i686"}));

@@ -46,7 +46,7 @@ pub struct Difference {
 }
 
 /// What differs between any two environments and says nothing: names, moments, and what stands elsewhere. Wherever the field is.
-const ALWAYS_DIFFERENT: [&str; 12] = [
+const ALWAYS_DIFFERENT: [&str; 13] = [
     ClockDrift::FACT,
     field!(PlatformRecord, hostname),
     field!(PlatformRecord, load_1min),
@@ -54,6 +54,7 @@ const ALWAYS_DIFFERENT: [&str; 12] = [
     field!(ClockRecord, offset_ns),
     fact::IMAGE_ID,
     fact::CONTAINER,
+    fact::JOB,
     field!(SurveyRecord, after),
     field!(SurveyRecord, changes),
     field!(PlatformRecord, kernel_command_line),
@@ -63,9 +64,10 @@ const ALWAYS_DIFFERENT: [&str; 12] = [
 ];
 
 /// What explains most, first: the names from the record on.
-const TELLING: [&[&str]; 24] = [
+const TELLING: [&[&str]; 26] = [
     &[field!(EnvironmentRecord, provider)],
     &[field!(EnvironmentRecord, host)],
+    &[FACTS, fact::NODE],
     &[PLATFORM, field!(PlatformRecord, cpu_model)],
     &[PLATFORM, field!(PlatformRecord, machine)],
     &[PLATFORM, field!(PlatformRecord, kernel)],
@@ -86,6 +88,7 @@ const TELLING: [&[&str]; 24] = [
     &[FACTS, fact::LIBVIRT],
     &[FACTS, fact::QEMU],
     &[FACTS, fact::VIRTUALBOX],
+    &[FACTS, fact::BATCH_SYSTEM],
     &[FACTS, fact::ENGINE_VERSION],
     &[FACTS, fact::ENGINE_PARTS, field!(EngineParts, storage_driver)],
     &[FACTS, fact::ENGINE_PARTS, field!(EngineParts, default_runtime)],
@@ -211,6 +214,12 @@ impl EnvironmentRecord {
         differences
     }
 
+    /// The node of a cluster that measured; none on a host that is a machine.
+    #[must_use]
+    pub fn node(&self) -> Option<&str> {
+        self.facts.get(fact::NODE)?.as_str()
+    }
+
     /// The version of the workload that ran here, where it is known.
     #[must_use]
     pub fn workload_version(&self) -> Option<&str> {
@@ -322,6 +331,13 @@ mod tests {
         };
         let [differing] = engine("1.1.5").differences(&engine("1.2.0")).try_into().unwrap();
         assert_eq!(differing.field, "facts.engine_parts.runc_version");
+        let job = |job: &str, node: &str| EnvironmentRecord {
+            facts: serde_json::from_value(json!({"job": job, "node": node})).unwrap(),
+            ..record("native", json!({"kernel": "6.1"}))
+        };
+        assert!(job("17", "n1").differences(&job("18", "n1")).is_empty());
+        let [node] = job("17", "n1").differences(&job("18", "n2")).try_into().unwrap();
+        assert_eq!(node.field, "facts.node");
         let swap = &a.differences(&b)[2];
         assert_eq!((swap.first.as_deref(), swap.second.as_deref()), (None, Some("1")));
     }
@@ -338,6 +354,8 @@ mod tests {
             (fact::QEMU): "1",
             (fact::VIRTUALBOX): "1",
             (fact::ENGINE_VERSION): "1",
+            (fact::NODE): "n1",
+            (fact::BATCH_SYSTEM): "Slurm 23.11",
         });
         let written = EnvironmentRecord {
             facts: serde_json::from_value(facts).unwrap(),
