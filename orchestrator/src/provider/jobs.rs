@@ -104,12 +104,16 @@ impl Jobs {
         nodes: &SlurmNodes,
         clusters: &Clusters,
     ) -> Self {
+        Self::on(provider, host, nodes, clusters.of(&nodes.slurm, host))
+    }
+
+    fn on(provider: &'static str, host: &Arc<dyn Host>, nodes: &SlurmNodes, cluster: Arc<Cluster>) -> Self {
         Self {
             provider,
             host: Arc::clone(host),
             nodes: nodes.clone(),
             agent: Arc::new(AgentClient::new(Arc::clone(host))),
-            cluster: clusters.of(&nodes.slurm, host),
+            cluster,
             programs: OnceCell::new(),
             version: OnceCell::new(),
             longest_minutes: OnceCell::new(),
@@ -496,3 +500,6 @@ impl Provider for Jobs {
         self.agent.remove(name).await.map(drop)
     }
 }
+
+#[cfg(test)]
+mod tests;
