@@ -8,14 +8,10 @@
 //! `matrix` has no scheduler of its own. What it needs of one is small, so that another can stand in for Slurm: give a job to it, ask
 //! for all jobs of this user, ask one to end, take one back, and say which nodes there are.
 
+mod cluster;
 pub mod queue;
 pub mod slurm;
-use std::{
-    collections::BTreeSet,
-    ffi::OsString,
-    path::PathBuf,
-    sync::{Arc, Mutex, PoisonError},
-};
+use std::{collections::BTreeSet, ffi::OsString, path::PathBuf};
 
 use async_trait::async_trait;
 use record::{
@@ -23,8 +19,8 @@ use record::{
     run_directory::{JobStanding, Standing},
 };
 
-use self::{queue::Queue, slurm::SlurmCommands};
-use crate::{host::Host, provider::ProviderError};
+pub use self::cluster::{Cluster, Clusters};
+use crate::provider::ProviderError;
 
 /// A scheduler of a cluster, as the submit host's user sees it.
 #[async_trait]
@@ -178,45 +174,5 @@ impl Job {
             node: self.node.clone(),
             start: self.start.clone(),
         }
-    }
-}
-
-/// A cluster: its batch system, and what was last seen of its queue.
-pub struct Cluster {
-    /// The system.
-    pub system: Arc<dyn BatchSystem>,
-    /// All jobs of this user.
-    pub queue: Queue,
-}
-
-impl Cluster {
-    /// With a system of its own.
-    #[must_use]
-    pub fn new(system: Arc<dyn BatchSystem>) -> Self {
-        Self {
-            queue: Queue::new(Arc::clone(&system)),
-            system,
-        }
-    }
-}
-
-/// The clusters that one call of `matrix` works with, each once, so that one question is for all hosts of it.
-#[derive(Clone, Default)]
-pub struct Clusters(Arc<Mutex<Vec<(Slurm, Arc<Cluster>)>>>);
-
-impl Clusters {
-    /// That of a host, whose programs are started on the submit host.
-    #[must_use]
-    pub fn of(&self, slurm: &Slurm, host: &Arc<dyn Host>) -> Arc<Cluster> {
-        // The list is whole whenever the lock is free, also after a panic.
-        let mut known = self.0.lock().unwrap_or_else(PoisonError::into_inner);
-        let is_it = |other: &Slurm| (&other.submit, &other.bin) == (&slurm.submit, &slurm.bin);
-        if let Some((_, cluster)) = known.iter().find(|(other, _)| is_it(other)) {
-            return Arc::clone(cluster);
-        }
-        let commands = SlurmCommands::new(Arc::clone(host), slurm.bin.clone());
-        let cluster = Arc::new(Cluster::new(Arc::new(commands)));
-        known.push((slurm.clone(), Arc::clone(&cluster)));
-        cluster
     }
 }

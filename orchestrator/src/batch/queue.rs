@@ -6,7 +6,7 @@ use std::{sync::Arc, time::Duration};
 
 use record::causes::with_causes;
 use tokio::{
-    sync::Mutex,
+    sync::{Mutex, watch},
     time::{Instant, sleep_until},
 };
 
@@ -40,9 +40,12 @@ impl Snapshot {
 /// Asks for all jobs, for all who want to know.
 pub struct Queue {
     system: Arc<dyn BatchSystem>,
-    last: Arc<Mutex<Option<Last>>>,
+    last: Arc<watch::Sender<Option<Last>>>,
+    /// Held by the one who asks.
+    asking: Arc<Mutex<()>>,
 }
 
+#[derive(Clone)]
 struct Last {
     snapshot: Arc<Snapshot>,
     /// How long the answer took.
@@ -84,35 +87,41 @@ impl Queue {
     pub fn new(system: Arc<dyn BatchSystem>) -> Self {
         Self {
             system,
-            last: Arc::default(),
+            last: Arc::new(watch::Sender::new(None)),
+            asking: Arc::default(),
         }
     }
 
-    /// What the queue was after `since`. The cluster is asked only if nobody has asked since then, and questions are `apart` from
-    /// each other. Cancel-safe: the question goes on, and its answer is for who asks next.
+    /// What the queue was after `since`. The cluster is asked only if nobody has asked since then, and `apart` from the question
+    /// before; who is in more of a hurry asks earlier, for all. Cancel-safe: the question goes on, and its answer is for who asks next.
     pub async fn after(&self, since: Instant, apart: Duration) -> Arc<Snapshot> {
-        let mut last = Arc::clone(&self.last).lock_owned().await;
-        if let Some(seen) = last.as_ref().filter(|seen| seen.snapshot.asked > since) {
-            return Arc::clone(&seen.snapshot);
-        }
-        let system = Arc::clone(&self.system);
-        let asking = tokio::spawn(async move {
-            if let Some(seen) = last.as_ref() {
-                sleep_until(seen.next(apart)).await;
+        let mut last = self.last.subscribe();
+        loop {
+            let due = match last.borrow_and_update().as_ref() {
+                Some(seen) if seen.snapshot.asked > since => return Arc::clone(&seen.snapshot),
+                Some(seen) => seen.next(apart),
+                None => Instant::now(),
+            };
+            tokio::select! {
+                () = sleep_until(due) => {}
+                // Its sender lives as long as this.
+                _ = last.changed() => continue,
             }
-            let asked = Instant::now();
-            let answer = system.jobs().await;
-            let seen = Last::of(asked, answer, last.take());
-            Arc::clone(&last.insert(seen).snapshot)
-        });
-        // Its task ends before its answer only with the whole program.
-        asking.await.unwrap_or_else(|error| {
-            Arc::new(Snapshot {
-                asked: Instant::now(),
-                jobs: Vec::new(),
-                silence: Some(error.to_string()),
-            })
-        })
+            let turn = Arc::clone(&self.asking).lock_owned().await;
+            if last.has_changed().unwrap_or(false) {
+                continue;
+            }
+            let (system, sender) = (Arc::clone(&self.system), Arc::clone(&self.last));
+            let asking = tokio::spawn(async move {
+                let _turn = turn;
+                let asked = Instant::now();
+                let answer = system.jobs().await;
+                let before = sender.borrow().clone();
+                sender.send_replace(Some(Last::of(asked, answer, before)));
+            });
+            // It ends before its answer only with the whole program.
+            let _ = asking.await;
+        }
     }
 
     /// What the queue is now, for what cannot wait: whether a job is there before it is submitted once more, or after it was taken

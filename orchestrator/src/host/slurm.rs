@@ -10,11 +10,12 @@ use std::{
 };
 
 use async_trait::async_trait;
-use record::connection::{Connection, Slurm, SshAddress};
+use record::connection::{Connection, SshAddress};
 use tokio::{net::UnixStream, sync::OnceCell};
 
 use super::{
     Deployed, Host, HostError, Listener, Program, RunningProgram,
+    nodes::SlurmNodes,
     script::{Installed, NotInstalled, Shell},
 };
 use crate::{lease, state_directory::StateDirectory, workload_binary::machine::Machine};
@@ -32,17 +33,6 @@ const LOOK: &str = r#"
 case ${HOME-} in /*) state=$HOME/.local/state/matrix ;; *) state=/var/lib/matrix ;; esac
 printf '%s\n' "$(uname -m)" "$state"
 "#;
-
-/// The nodes that a matrix file means.
-#[derive(Debug, Clone, PartialEq, Eq)]
-pub struct SlurmNodes {
-    /// How they are asked for.
-    pub slurm: Slurm,
-    /// Their hardware, as it is said.
-    pub hardware: String,
-    /// Their operating system, as it is said.
-    pub os: String,
-}
 
 /// What a job runs.
 #[derive(Debug, Clone, PartialEq, Eq)]

@@ -44,8 +44,8 @@ use super::{
 use crate::{
     batch::{Cluster, Clusters, Job, JobOwner, JobRequest},
     host::{
-        Host, Program,
-        slurm::{self, JobPrograms, SlurmNodes},
+        Host, Program, SlurmNodes,
+        slurm::{self, JobPrograms},
     },
 };
 
@@ -55,7 +55,7 @@ const JOB: &str = "job";
 const GONE_WITHIN: Duration = Duration::from_secs(120);
 /// What was seen of the queue so long ago is as good as now.
 const JUST_NOW: Duration = Duration::from_secs(1);
-/// How often that is looked at.
+/// How often that is looked at, at most: at first more often.
 const GONE_YET: Duration = Duration::from_secs(2);
 
 impl Memory {
@@ -287,6 +287,7 @@ impl Jobs {
 /// Takes the jobs of that name back and waits until they are gone.
 async fn end(cluster: &Cluster, name: &str) -> Result<(), ProviderError> {
     let begun = Instant::now();
+    let mut pause = GONE_YET / 20;
     loop {
         let jobs = backoff::retried(|| cluster.queue.now()).await?;
         let alive: Vec<&Job> = jobs
@@ -305,7 +306,8 @@ async fn end(cluster: &Cluster, name: &str) -> Result<(), ProviderError> {
         for job in alive {
             backoff::retried(|| cluster.system.cancel(&job.id)).await?;
         }
-        sleep(GONE_YET).await;
+        sleep(pause).await;
+        pause = (pause * 2).min(GONE_YET);
     }
 }
 

@@ -55,8 +55,14 @@ impl FakeBatch {
         jobs.iter().map(|(request, ..)| request.clone()).collect()
     }
 
-    /// The cluster forgets all jobs that are over.
+    /// The cluster forgets all jobs, once they are over.
     fn forget(&self) {
+        for (_, job, child) in self.jobs.lock().unwrap().iter_mut() {
+            if let Some(child) = child {
+                child.wait().unwrap();
+                job.standing = Standing::Ended;
+            }
+        }
         self.jobs
             .lock()
             .unwrap()
@@ -252,7 +258,6 @@ async fn what_a_forgotten_job_left_is_found_and_one_that_never_began_is_nothing(
     let mut environment = place.jobs.create(&request).await.unwrap();
     to_the_end(&mut environment).await;
     drop(environment);
-    place.system.jobs().await.unwrap();
     place.system.forget();
     let mut found = place.jobs.find(&request).await.unwrap().unwrap();
     assert!(!found.running());
