@@ -3,12 +3,14 @@
 use std::{path::Path, sync::Arc};
 
 use record::{
-    check::Check,
+    axis::NATIVE,
+    check::{Check, CheckRecord},
     run_directory::PlannedScenario,
     settings::{Need, Settings},
 };
 
 use crate::{
+    batch::Clusters,
     disk_space,
     host::{Here, Host},
     matrix_file::{MatrixFile, THIS_MACHINE},
@@ -17,6 +19,7 @@ use crate::{
     provider::{
         Availability, Catalogue, ProviderError, ProviderSettings, Providers,
         detached::{AgentClient, ClockReading},
+        jobs::Jobs,
     },
     state_directory::StateDirectory,
     survey,
@@ -75,7 +78,17 @@ impl Standing {
 pub async fn of_this_machine(catalogue: Catalogue) -> Examination {
     let here: Arc<dyn Host> = Arc::new(Here::new(THIS_MACHINE, StateDirectory::of_this_user()));
     let providers = Providers::new(catalogue, ProviderSettings::default(), [Arc::clone(&here)]);
-    ask(&here, &providers).await
+    ask(&here, &providers, Probing::default()).await
+}
+
+/// Whether jobs may be submitted to ask the nodes of clusters.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
+pub enum Probing {
+    /// What only a job can tell is left open.
+    #[default]
+    SubmitsNothing,
+    /// A job of a minute looks.
+    SubmitsJobs,
 }
 
 /// Asks each host of a matrix file for everything, one after another.
@@ -83,22 +96,43 @@ pub async fn of_this_machine(catalogue: Catalogue) -> Examination {
 /// # Errors
 /// All that is wrong with the file. What is wrong with its scenarios is none: the examinations are then without
 /// `to_come_bytes`.
-pub async fn of_hosts(path: &Path, catalogue: Catalogue) -> Result<Vec<Examination>, PreparationError> {
+pub async fn of_hosts(
+    path: &Path,
+    catalogue: Catalogue,
+    probing: Probing,
+) -> Result<Vec<Examination>, PreparationError> {
     let file = MatrixFile::read(path, None, catalogue).map_err(PreparationError::File)?;
     let providers = survey::providers(&file);
     let mut answers = Vec::new();
     for host in providers.hosts() {
-        answers.push(ask(host, &providers).await);
+        answers.push(ask(host, &providers, probing).await);
     }
     foresee(&file, &mut answers);
     Ok(answers)
 }
 
-async fn ask(host: &Arc<dyn Host>, providers: &Providers) -> Examination {
+/// What the experiment needs, asked where it would be measured.
+async fn checks(host: &Arc<dyn Host>, probing: Probing) -> Result<CheckRecord, ProviderError> {
+    let defaults = Need::of_the_network(&Settings::default());
+    match (host.nodes(), probing) {
+        (None, _) => AgentClient::new(Arc::clone(host)).check(&defaults).await,
+        (Some(nodes), Probing::SubmitsJobs) => {
+            Jobs::new(NATIVE, host, nodes, &Clusters::default())
+                .probe(&defaults)
+                .await
+        }
+        (Some(_), Probing::SubmitsNothing) => Err(ProviderError::Unsupported {
+            provider: format!("host `{}`", host.name()),
+            reason: "what its nodes have is known in a job".to_owned(),
+            hint: Some("`matrix doctor FILE --probe` submits one of a minute".to_owned()),
+        }),
+    }
+}
+
+async fn ask(host: &Arc<dyn Host>, providers: &Providers, probing: Probing) -> Examination {
     let name = host.name().to_owned();
     let mut facts = survey::identity(Arc::clone(host)).await;
-    let defaults = Need::of_the_network(&Settings::default());
-    let checks = AgentClient::new(Arc::clone(host)).check(&defaults).await;
+    let checks = checks(host, probing).await;
     if facts.obstacle.is_none() {
         let everything = providers
             .catalogue()

@@ -96,6 +96,29 @@ fn what_a_run_directory_says_does_nothing_to_a_terminal_or_a_runner() {
 }
 
 #[test]
+fn status_calls_no_program_that_a_run_directory_names() {
+    let (workplace, run) = played();
+    let bin = workplace.path().join("bin");
+    std::fs::create_dir(&bin).unwrap();
+    let squeue = bin.join("squeue");
+    std::fs::write(&squeue, format!("#!/bin/sh\ntouch {}/called\n", bin.display())).unwrap();
+    std::fs::set_permissions(&squeue, std::os::unix::fs::PermissionsExt::from_mode(0o755)).unwrap();
+    without_checksums(&run);
+    change(&run.join("manifest.json"), |manifest| {
+        manifest["hosts"][0]["connect"] = serde_json::json!({"slurm": {"bin": bin}});
+    });
+    let run = run.to_str().unwrap();
+    let asked = workplace.run(&["status", run, "--hosts"]);
+    assert_eq!(asked.code, Some(2), "{asked:?}");
+    assert!(
+        asked.err.contains("not among the runs that were begun here"),
+        "{asked:?}"
+    );
+    assert_eq!(workplace.run(&["status", run]).code, Some(0));
+    assert!(!bin.join("called").exists());
+}
+
+#[test]
 fn resume_refuses_names_that_are_paths() {
     let (workplace, directory) = played();
     without_checksums(&directory);

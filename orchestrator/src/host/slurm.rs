@@ -28,6 +28,13 @@ exec "$1" detached job --root "$2" --environment "$3" --hardware "$4" --os "$5" 
     --job "${SLURM_JOB_ID:?}" --node "${SLURMD_NODENAME:?}"
 "#;
 
+/// What a job runs that only looks whether its node has what a scenario needs: the words after the script's are the workload and the
+/// settings.
+const PROBE: &str = r#"#!/bin/sh
+# matrix: what this node has.
+exec "$1" check --settings "$2"
+"#;
+
 /// What the submit host is, and where a state directory of `matrix` is there.
 const LOOK: &str = r#"
 case ${HOME-} in /*) state=$HOME/.local/state/matrix ;; *) state=/var/lib/matrix ;; esac
@@ -39,6 +46,8 @@ printf '%s\n' "$(uname -m)" "$state"
 pub struct JobPrograms {
     /// The script.
     pub script: PathBuf,
+    /// The script of a job that only looks.
+    pub probe: PathBuf,
     /// The workload for the nodes' hardware.
     pub workload: PathBuf,
     /// Its SHA-256, in hexadecimal.
@@ -124,11 +133,36 @@ pub async fn install(host: &dyn Host, nodes: &SlurmNodes) -> Result<JobPrograms,
         },
     };
     let script = shell.install(bin, "job", JOB.as_bytes()).await?;
+    let probe = shell.install(bin, "probe", PROBE.as_bytes()).await?;
     Ok(JobPrograms {
         script: script.file,
+        probe: probe.file,
         workload: installed.file,
         workload_sha256: installed.sha256,
     })
+}
+
+/// Makes a folder where the nodes see it.
+///
+/// # Errors
+/// When the submit host cannot be reached or refuses.
+pub async fn make_folder(host: &dyn Host, folder: &Path) -> Result<(), HostError> {
+    let folder = folder.to_string_lossy();
+    Shell::Plain(host)
+        .run(r#"mkdir -p "$1""#, &[&folder], &[])
+        .await
+        .map(drop)
+}
+
+/// Reads a small file that a job has written, and removes it.
+///
+/// # Errors
+/// When it is not there, or the submit host cannot be reached or refuses.
+pub async fn take_file(host: &dyn Host, file: &Path) -> Result<String, HostError> {
+    let file = file.to_string_lossy();
+    Shell::Plain(host)
+        .run(r#"head -c 65536 "$1" && rm -f "$1""#, &[&file], &[])
+        .await
 }
 
 #[async_trait]

@@ -23,11 +23,13 @@ use std::{
 use async_trait::async_trait;
 use record::{
     axis::NATIVE,
+    call::Check,
+    check::CheckRecord,
     connection::Nodes,
     detached::ListedEnvironment,
     layout,
     run_directory::{EnvironmentRecord, JobStanding, Resource, RunDirectory, RunRecords, Standing, fact},
-    settings::Settings,
+    settings::{Need, Settings},
     window::WindowRecord,
 };
 use serde_json::{Map, json};
@@ -39,6 +41,7 @@ use tokio::{
 use self::environment::JobEnvironment;
 use super::{
     Availability, Environment, EnvironmentRequest, Leftover, Provider, ProviderError, backoff,
+    capability_probe,
     detached::{AgentClient, DIRECTORY},
 };
 use crate::{
@@ -55,6 +58,8 @@ const JOB: &str = "job";
 const GONE_WITHIN: Duration = Duration::from_secs(120);
 /// What was seen of the queue so long ago is as good as now.
 const JUST_NOW: Duration = Duration::from_secs(1);
+/// How long a job that only looks may wait for a node.
+const PROBED_WITHIN: Duration = Duration::from_secs(600);
 /// How often that is looked at, at most: at first more often.
 const GONE_YET: Duration = Duration::from_secs(2);
 
@@ -190,6 +195,56 @@ impl Jobs {
             node: None,
             not_on: BTreeSet::new(),
         })
+    }
+
+    /// Whether a node has what a need asks for, looked at in a job of its own.
+    ///
+    /// # Errors
+    /// When the job does not begin within ten minutes, or does not answer as agreed.
+    pub async fn probe(&self, need: &Need) -> Result<CheckRecord, ProviderError> {
+        let programs = self.programs().await?;
+        let folder = &self.agent.deployed().await?.environments;
+        slurm::make_folder(self.host.as_ref(), folder).await?;
+        let name = format!("matrix-probe-{}-{}", std::process::id(), self.agent.host());
+        let output = folder.join(format!("{name}.txt"));
+        let settings = Check::of(&need.settings()).settings;
+        let job = JobRequest {
+            name: name.clone(),
+            script: programs.probe.clone(),
+            arguments: vec![programs.workload.clone().into_os_string(), settings.into()],
+            output: output.clone(),
+            minutes: 1,
+            ..self.any_job().await?
+        };
+        self.cluster.system.submit(&job).await?;
+        let begun = Instant::now();
+        let mut seen = begun;
+        loop {
+            let snapshot = self
+                .cluster
+                .queue
+                .after(seen, self.nodes.slurm.poll.duration())
+                .await;
+            seen = snapshot.asked;
+            match snapshot.job(&name) {
+                Some(job) if job.standing.is_alive() && begun.elapsed() > PROBED_WITHIN => {
+                    let reason = job.reason.clone().unwrap_or_else(|| job.state.clone());
+                    self.end(&name).await?;
+                    return Err(ProviderError::Refused {
+                        platform: format!("the batch system of host `{}`", self.agent.host()),
+                        action: format!("starting a job within {} min", PROBED_WITHIN.as_secs() / 60),
+                        hint: Some("ask again when its nodes are less busy".to_owned()),
+                        source: reason.into(),
+                    });
+                }
+                Some(job) if job.standing.is_alive() => {}
+                None if snapshot.silence.is_some() => {}
+                _ => break,
+            }
+        }
+        sleep(self.nodes.slurm.visible_within.duration()).await;
+        let printed = slurm::take_file(self.host.as_ref(), &output).await?;
+        capability_probe::answer(printed.as_bytes())
     }
 
     /// The one node on which a run measures all scenarios of this host: where it has measured, or is to measure, or else where a job

@@ -12,12 +12,14 @@ use std::{
 use record::{
     connection::Connection,
     run_directory::{
-        Event, JournalEntry, Manifest, Place, PlanRecord, ReadError, RunDirectory, RunRecords, RunState,
+        Event, HostRecord, JournalEntry, Manifest, Place, PlanRecord, ReadError, RunDirectory, RunRecords,
+        RunState,
     },
 };
 use serde::Serialize;
 use tokio::time::Instant;
 
+use super::run_index;
 use crate::{
     batch::Clusters,
     escaping,
@@ -69,6 +71,12 @@ pub enum RecordedRunError {
         /// The run directory.
         directory: PathBuf,
     },
+    /// This user's list of runs does not have it.
+    #[error("run {run} has jobs on a cluster, and is not among the runs that were begun here")]
+    Anothers {
+        /// The run's name.
+        run: String,
+    },
     /// Names were taken from it.
     #[error("run {run} is a redacted copy")]
     Redacted {
@@ -114,6 +122,9 @@ impl RecordedRunError {
                 escaping::pasted(theirs),
                 escaping::pasted(directory)
             ),
+            Self::Anothers { .. } => {
+                "ask where it was begun, with the same `MATRIX_STATE_DIR`; or leave out `--hosts`".to_owned()
+            }
             Self::Redacted { .. } => {
                 "it says of no host how it is reached: go on with the run that it was made of".to_owned()
             }
@@ -223,12 +234,32 @@ impl RecordedRun {
     /// Brings what the journal says of jobs that are not collected up to what their clusters say now. What a cluster does not know,
     /// or one that does not answer, stays as the journal has it; why one did not is returned, by its host.
     ///
+    /// Its hosts are those of this user's own list of runs: a run directory is not believed which programs to call.
+    ///
     /// # Errors
-    /// When it does not say how its hosts are reached.
-    pub async fn ask_clusters(&mut self) -> Result<BTreeMap<String, String>, RecordedRunError> {
+    /// When this user has not begun it.
+    pub async fn ask_clusters(
+        &mut self,
+        state: &StateDirectory,
+    ) -> Result<BTreeMap<String, String>, RecordedRunError> {
         let clusters = Clusters::default();
         let mut silent = BTreeMap::new();
-        for host in self.hosts()? {
+        let entries = run_index::entries(state);
+        let known = entries.iter().find(|entry| entry.run == self.manifest.run);
+        let hosts = match known {
+            Some(entry) => entry
+                .hosts
+                .iter()
+                .filter_map(|recorded| of_record(recorded, state)),
+            // One that was on this machine alone is in no list, and has no cluster to ask.
+            None if !self.has_clusters() => return Ok(silent),
+            None => {
+                return Err(RecordedRunError::Anothers {
+                    run: self.manifest.run.clone(),
+                });
+            }
+        };
+        for host in hosts {
             let Some(nodes) = host.nodes() else { continue };
             let asked = Instant::now();
             let seen = clusters
@@ -259,6 +290,11 @@ impl RecordedRun {
             }
         }
         Ok(silent)
+    }
+
+    fn has_clusters(&self) -> bool {
+        let is_cluster = |host: &HostRecord| matches!(host.connect.known(), Some(Connection::Slurm(_)));
+        self.manifest.hosts.iter().any(is_cluster)
     }
 
     /// The hosts that its scenarios were planned on.
@@ -316,6 +352,17 @@ impl RecordedRun {
         write(&directory.manifest(), manifest).map_err(failed("write", path))?;
         Ok(directory)
     }
+}
+
+/// A host as it was recorded, if this version knows how it is reached.
+pub(crate) fn of_record(recorded: &HostRecord, state: &StateDirectory) -> Option<Arc<dyn Host>> {
+    let said = Said {
+        name: &recorded.name,
+        connection: recorded.connect.known()?,
+        hardware: &recorded.hardware,
+        os: &recorded.os,
+    };
+    Some(host::of(said, state))
 }
 
 /// The folders of runs; their names begin with their time.

@@ -399,6 +399,17 @@ fn what_the_cluster_does_not_have_is_told_before_anything_is_submitted() {
         assert!(said("reason").contains(reason), "{slurm}: {scenario:#}");
         assert!(said("fix").contains(fix), "{slurm}: {scenario:#}");
     }
+    // What a node has is looked at in a job, if that is wished.
+    workplace.write("m.yaml", matrix("constraint: x86_64", &windows(1, 3)));
+    let asked = workplace.run(&["doctor", "m.yaml"]);
+    assert!(
+        asked.out.contains("what its nodes have is known in a job"),
+        "{asked:?}"
+    );
+    let probed = workplace.json(&["doctor", "m.yaml", "--probe"]);
+    let checks = probed["hosts"][0]["checks"].as_array().unwrap();
+    let network = checks.iter().find(|check| check["name"] == "network").unwrap();
+    assert_eq!(network["available"], true, "{probed:#}");
     // What only the job can know ends it before its first window.
     let other = matrix("constraint: i686", &windows(1, 3));
     workplace.write("m.yaml", other);

@@ -20,10 +20,13 @@ use crate::{
         command::options::OutputArguments,
         terminal::{self, CommandError},
     },
-    host::{self, Here, Host, Said},
+    host::{self, Here, Host},
     lease::{self, Holder},
     provider::{Catalogue, Leftover, Provider, ProviderError},
-    run::run_index::{self, Entry},
+    run::{
+        recorded::of_record,
+        run_index::{self, Entry},
+    },
     state_directory::StateDirectory,
     workload_binary,
 };
@@ -133,18 +136,12 @@ fn hosts(entries: &[Entry], state: &StateDirectory) -> Vec<Asked> {
     let mut elsewhere: Vec<(&Connection, Asked)> = Vec::new();
     for entry in entries {
         for host in &entry.hosts {
-            let Some(connection) = host.connect.known() else {
+            let (Some(connection), Some(there)) = (host.connect.known(), of_record(host, state)) else {
                 continue;
             };
             if !elsewhere.iter().any(|(known, _)| *known == connection) {
-                let said = Said {
-                    name: &host.name,
-                    connection,
-                    hardware: &host.hardware,
-                    os: &host.os,
-                };
                 let asked = Asked {
-                    host: host::of(said, state),
+                    host: there,
                     runs: Some(BTreeSet::new()),
                 };
                 elsewhere.push((connection, asked));

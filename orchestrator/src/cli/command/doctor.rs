@@ -13,7 +13,7 @@ use crate::{
         terminal::{self, CommandError},
     },
     disk_space,
-    examination::{self, Examination, Standing},
+    examination::{self, Examination, Probing, Standing},
     plan::Obstacle,
     provider::{Availability, Catalogue},
 };
@@ -23,6 +23,9 @@ use crate::{
 pub struct DoctorArguments {
     /// A matrix file, whose hosts are asked in place of this machine.
     file: Option<PathBuf>,
+    /// Submit a job of a minute to each cluster of the file, which looks whether its node has what the experiment needs.
+    #[arg(long, requires = "file")]
+    probe: bool,
     #[command(flatten)]
     pub(crate) output: OutputArguments,
 }
@@ -99,7 +102,11 @@ pub async fn execute(arguments: &DoctorArguments, catalogue: Catalogue) -> Resul
     let Some(path) = &arguments.file else {
         return of_this_machine(arguments.output.json, catalogue).await;
     };
-    let answers = examination::of_hosts(path, catalogue).await?;
+    let probing = match arguments.probe {
+        true => Probing::SubmitsJobs,
+        false => Probing::SubmitsNothing,
+    };
+    let answers = examination::of_hosts(path, catalogue, probing).await?;
     if arguments.output.json {
         terminal::json(&DoctorDocument::Hosts {
             hosts: answers.iter().map(record).collect(),

@@ -26,6 +26,7 @@ use crate::{
     disk_space, escaping,
     lease::{self, Holder},
     run::recorded::RecordedRun,
+    state_directory::StateDirectory,
 };
 
 /// What it takes.
@@ -280,7 +281,7 @@ pub async fn execute(arguments: &StatusArguments) -> Result<Exit, CommandError> 
     let directory = RunDirectory::new(&arguments.run);
     let mut recorded = RecordedRun::read(&directory)?;
     if arguments.hosts {
-        for (host, silence) in recorded.ask_clusters().await? {
+        for (host, silence) in recorded.ask_clusters(&StateDirectory::of_this_user()).await? {
             terminal::print_note(&format!("host {host} did not answer: {silence}"));
         }
     }
