@@ -28,7 +28,10 @@ impl Cluster {
 
 /// The clusters that one call of `matrix` works with, each once, so that one question is for all hosts of it.
 #[derive(Clone, Default)]
-pub struct Clusters(Arc<Mutex<Vec<(Slurm, Arc<Cluster>)>>>);
+pub struct Clusters(Arc<Mutex<Vec<Known>>>);
+
+/// How a cluster is reached, and itself.
+type Known = (Slurm, Arc<Cluster>);
 
 impl Clusters {
     /// That of a host, whose programs are started on the submit host.

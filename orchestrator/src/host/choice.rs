@@ -2,7 +2,7 @@
 
 use std::sync::Arc;
 
-use record::connection::Connection;
+use record::connection::{Connection, Slurm};
 
 use super::{
     Here, Host, SlurmNodes,
@@ -42,7 +42,7 @@ pub fn of(said: Said<'_>, state: &StateDirectory) -> Arc<dyn Host> {
                 ..said
             };
             let nodes = SlurmNodes {
-                slurm: slurm.clone(),
+                slurm: Slurm::clone(slurm),
                 hardware: said.hardware.to_owned(),
                 os: said.os.to_owned(),
             };

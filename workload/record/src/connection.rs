@@ -25,7 +25,7 @@ pub enum Connection {
     /// Over SSH.
     Ssh(Ssh),
     /// It is any node that a Slurm cluster gives.
-    Slurm(Slurm),
+    Slurm(Box<Slurm>),
 }
 
 impl Connection {
@@ -193,7 +193,7 @@ struct Written {
     identity: Option<PathBuf>,
     jump: Option<SshAddress>,
     known_hosts: Option<PathBuf>,
-    slurm: Option<Slurm>,
+    slurm: Option<Box<Slurm>>,
 }
 
 impl Written {

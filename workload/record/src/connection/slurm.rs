@@ -266,7 +266,7 @@ mod tests {
         let Ok(Connection::Slurm(slurm)) = read(json!({"slurm": {}})) else {
             panic!("it is no connection")
         };
-        assert_eq!(slurm, Slurm::default());
+        assert_eq!(*slurm, Slurm::default());
         let written = json!({"slurm": {
             "submit": {"ssh": "me@login", "identity": "key", "jump": null, "known_hosts": null},
             "constraint": "skylake&avx", "partition": "bench", "account": "robots", "qos": "low", "reservation": "r",
