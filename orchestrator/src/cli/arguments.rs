@@ -3,8 +3,8 @@
 use clap::{Parser, Subcommand};
 
 use crate::cli::command::{
-    calibrate::CalibrateArguments, check::CheckArguments, clean::CleanArguments,
-    completions::CompletionsArguments, doctor::DoctorArguments, drift::DriftArguments,
+    calibrate::CalibrateArguments, check::CheckArguments, ci_generate::CiGenerateArguments,
+    clean::CleanArguments, completions::CompletionsArguments, doctor::DoctorArguments, drift::DriftArguments,
     explain::ExplainArguments, fit::FitArguments, ks::KsArguments, man::ManArguments,
     messages::MessagesArguments, options::OutputArguments, plan::PlanArguments, prune::PruneArguments,
     redact::RedactArguments, replay::ReplayArguments, report::ReportArguments, resume::ResumeArguments,
@@ -77,6 +77,8 @@ pub enum Command {
     Clean(CleanArguments),
     /// Say what this machine can do, what is missing and how to get it.
     Doctor(DoctorArguments),
+    /// Print a pipeline of GitLab or GitHub with a job for each scenario, and one that makes a report of them all.
+    CiGenerate(CiGenerateArguments),
     /// Print the JSON Schema of matrix files, of `drift.yaml`, or of what a command prints with `--json`.
     Schema(SchemaArguments),
     /// Print a shell's completions.
@@ -109,6 +111,7 @@ impl Command {
             Self::Doctor(arguments) => arguments.output,
             Self::Watch(_)
             | Self::Fit(_)
+            | Self::CiGenerate(_)
             | Self::Schema(_)
             | Self::Completions(_)
             | Self::Man(_)

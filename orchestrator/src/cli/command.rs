@@ -2,6 +2,7 @@
 
 pub mod calibrate;
 pub mod check;
+pub mod ci_generate;
 pub mod clean;
 pub mod completions;
 pub mod doctor;
@@ -38,6 +39,7 @@ use crate::{
 pub async fn execute(command: &Command, catalogue: Catalogue) -> Result<Exit, CommandError> {
     match command {
         Command::Check(arguments) => check::execute(arguments, catalogue).await,
+        Command::CiGenerate(arguments) => ci_generate::execute(arguments, catalogue),
         Command::Plan(arguments) => plan::execute(arguments, catalogue).await,
         Command::Run(arguments) => run::execute(arguments, catalogue).await,
         Command::Resume(arguments) => resume::execute(arguments, catalogue).await,

@@ -1,8 +1,14 @@
 //! Scenarios as jobs of a real Slurm: nodes that lose their power or stand still, a `matrix` that is killed, a controller that is away,
 //! jobs that others cancel. As an ordinary user, from the submit host and over SSH.
 
-use std::{fs, path::Path};
+use std::{collections::BTreeSet, fs, path::Path, process::Command, sync::Arc};
 
+use orchestrator::{
+    batch::{BatchSystem as _, JobOwner, JobRequest, slurm::SlurmCommands},
+    host::{Here, Host},
+    state_directory::StateDirectory,
+};
+use record::connection::Slurm;
 use serde_json::Value;
 use tests::{
     Ran, WHOLE_WINDOWS_COUNT,
@@ -119,8 +125,8 @@ fn two_kinds_of_nodes_measure_a_sweep_over_ssh_and_a_power_cut_costs_the_window_
     let mut running = workplace.start(&["run", "m.yaml"]);
     // In the second window of a scenario on a node that has a twin.
     let line = loop {
-        let line = running.wait_for("window 1 complete");
-        if line.starts_with("x86-64") {
+        let line = running.next_line().expect("it measures");
+        if line.starts_with("x86-64") && line.contains("window 1 complete") {
             break line;
         }
     };
@@ -318,6 +324,87 @@ fn a_controller_that_is_away_costs_nothing_and_a_job_that_another_cancels_is_tol
     done(&workplace.run(&["resume", run.to_str().unwrap()]));
     all_is_whole(&run, 1, 3);
     nothing_is_left(&cluster);
+}
+
+#[test]
+fn a_node_that_is_taken_away_for_somebody_elses_job_costs_the_window_that_it_cut() {
+    let cluster = Cluster::start();
+    let workplace = &cluster.workplace;
+    workplace.write("m.yaml", matrix("constraint: x86_64", &windows(2, 6)));
+    let mut running = workplace.start(&["run", "m.yaml"]);
+    running.wait_for("window 1 complete");
+    let node = cluster.running_on();
+    // Of root's, so that it is none of the jobs that are looked at.
+    let urgent = Command::new("sbatch")
+        .args([
+            "--partition=urgent",
+            "--exclusive",
+            "--output=/dev/null",
+            "--nodelist",
+            &node,
+        ])
+        .args(["--chdir=/", "--wrap=sleep 20"])
+        .output()
+        .unwrap();
+    assert!(urgent.status.success(), "{urgent:?}");
+    let ran = running.end();
+    done(&ran);
+    let run = workplace.run_directory();
+    all_is_whole(&run, 1, 2);
+    assert_ne!(facts(&run, "x86-64-debian-12-native")["node"], node.as_str());
+    assert!(ran.err.contains("PREEMPTED"), "{ran:?}");
+    let _ = Command::new("scancel").args(["--user=root"]).status();
+    nothing_is_left(&cluster);
+}
+
+#[test]
+fn a_job_that_slurm_refuses_and_keeps_is_taken_back() {
+    let cluster = Cluster::start();
+    let script = cluster.workplace.path().join("script");
+    fs::write(&script, "#!/bin/sh\nsleep 60\n").unwrap();
+    let here: Arc<dyn Host> = Arc::new(Here::new("lab", StateDirectory::of_this_user()));
+    let slurm = SlurmCommands::new(here, None);
+    let job = JobRequest {
+        name: "matrix-refused-1".to_owned(),
+        owner: JobOwner {
+            run: "r".to_owned(),
+            host: "lab".to_owned(),
+            scenario: "s".to_owned(),
+        },
+        wishes: Slurm {
+            constraint: Some("i686&debian-12".to_owned()),
+            ..Slurm::default()
+        },
+        script,
+        arguments: Vec::new(),
+        output: "/dev/null".into(),
+        minutes: 1,
+        after: None,
+        node: None,
+        not_on: BTreeSet::new(),
+    };
+    let runtime = tokio::runtime::Runtime::new().unwrap();
+    let refused = runtime.block_on(slurm.submit(&job)).unwrap_err();
+    assert!(
+        refused.hint().is_some_and(|hint| hint.contains("constraint")),
+        "{refused}"
+    );
+    let jobs = runtime.block_on(slurm.jobs()).unwrap();
+    assert!(jobs.iter().all(|job| !job.standing.is_alive()), "{jobs:?}");
+    // One of that name that is there is found by it.
+    let fits = JobRequest {
+        wishes: Slurm::default(),
+        ..job
+    };
+    let number = runtime.block_on(slurm.submit(&fits)).unwrap();
+    let jobs = runtime.block_on(slurm.jobs()).unwrap();
+    assert!(
+        jobs.iter()
+            .any(|job| job.id == number && job.owner == Some(fits.owner.clone())),
+        "{jobs:?}"
+    );
+    runtime.block_on(slurm.cancel(&number)).unwrap();
+    runtime.block_on(slurm.cancel("4000000")).unwrap();
 }
 
 #[test]

@@ -30,6 +30,8 @@ use crate::{
 
 /// How often a job that was asked to end is looked at. Somebody waits for it.
 const ENDING: Duration = Duration::from_secs(1);
+/// How long a batch system may take to say what became of a job that has ended.
+const OVER_WITHIN: Duration = Duration::from_secs(60);
 /// Why a job waits whose node is down, drained or reserved.
 const NODE_GONE: &str = "ReqNodeNotAvail";
 /// Whoever runs the cluster could fill the journal with changes of a job's state.
@@ -279,16 +281,36 @@ impl JobEnvironment {
         memory.lost.contains(&node).then_some(node)
     }
 
-    /// Who asked the workload to end, as far as the queue tells.
-    async fn ended_by_another(&self) -> String {
-        let seen = self.parts.cluster.queue.after(self.seen, ENDING).await;
+    /// How the workload ended that was asked to, though not by us: as far as the queue tells, once the job is over.
+    async fn ended_by_another(&self) -> Ended {
+        let begun = Instant::now();
+        let mut since = self.seen;
+        let seen = loop {
+            let seen = self.parts.cluster.queue.after(since, ENDING).await;
+            let runs = seen
+                .job(&self.environment)
+                .is_some_and(|job| job.standing == Standing::Runs);
+            if !runs || begun.elapsed() > OVER_WITHIN {
+                break seen;
+            }
+            since = seen.asked;
+        };
         let job = seen.job(&self.environment).or(self.latest.as_ref());
         let state = job.map(|job| format!("; it is {}", job.state));
-        format!(
+        let how = format!(
             "job {} was asked to end, as `scancel` does, and the batch system itself before a job's time is over{}",
             self.job.job,
             state.unwrap_or_default()
-        )
+        );
+        let lost_its_node = job.is_some_and(|job| job.standing == Standing::LostItsNode);
+        if let Some(node) = job.and_then(|job| job.node.clone()).filter(|_| lost_its_node) {
+            let mut memory = self.parts.memory.lock().unwrap_or_else(PoisonError::into_inner);
+            memory.lost.insert(node);
+        }
+        Ended {
+            lost_its_node,
+            ..Ended::failed(&how)
+        }
     }
 
     fn news(&mut self, job: &Job) -> Option<JobStanding> {
@@ -356,7 +378,7 @@ impl Environment for JobEnvironment {
     async fn ended(&mut self) -> Result<Ended, ProviderError> {
         while self.next_progress().await?.is_some() {}
         if matches!(self.last_line, Some(Progress::Stopped { .. })) && !self.asked_to_stop {
-            return Ok(Ended::failed(&self.ended_by_another().await));
+            return Ok(self.ended_by_another().await);
         }
         let looked = self.looked.as_ref();
         let words = looked.map(|looked| looked.last_words.clone()).unwrap_or_default();
