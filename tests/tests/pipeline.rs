@@ -37,9 +37,7 @@ fn the_jobs_of_a_pipeline_measure_each_scenario_and_make_one_report() {
     let scenarios = report["scenarios"].as_sequence().unwrap();
     assert_eq!(scenarios.len(), 2);
     assert!(
-        scenarios
-            .iter()
-            .all(|it| it["outcome"] == Value::from("completed")),
+        scenarios.iter().all(|it| it["outcome"] == "completed"),
         "{scenarios:#?}"
     );
     assert!(Path::new(&workplace.path().join("report/report.html")).is_file());

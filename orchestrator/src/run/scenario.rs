@@ -5,13 +5,14 @@
 //! of the experiment as *failed*. Data is never discarded before it was collected: when collecting fails, the
 //! environment stays for `matrix resume`.
 
-use std::{collections::BTreeSet, io, ops::RangeInclusive, path::PathBuf, sync::Arc, time::Duration};
+mod ending;
+
+use std::{collections::BTreeSet, io, ops::RangeInclusive, sync::Arc};
 
 use record::{
     axis::{HARDWARE, OS, SIMULATED},
-    causes::with_causes,
     detached::UNFINISHED,
-    identity::{HostIdentity, IdentityMismatch},
+    identity::HostIdentity,
     layout,
     progress::Progress,
     run_directory::{EnvironmentRecord, Event, JobStanding, Outcome, Place, PlannedScenario, Resource},
@@ -25,88 +26,22 @@ use tokio::{
     time::{Instant, sleep_until, timeout},
 };
 
+pub(super) use self::ending::ScenarioError;
+use self::ending::{Ending, Work};
 use super::{
     Patience, Run, RunError, Turn,
-    collection::{self, CollectionError, Sorted},
+    collection::{self, Sorted},
     silence::{self, Silence, Step},
     unit::Unit,
 };
 use crate::{
-    disk_space, escaping,
+    disk_space,
     journal::JournalError,
-    provider::{
-        Ended, Environment, EnvironmentRequest, News, Provider, ProviderError, detached::AgentClient, facts,
-    },
+    provider::{Ended, Environment, EnvironmentRequest, News, Provider, detached::AgentClient, facts},
 };
-
-/// Why the infrastructure could not do what a scenario needs.
-#[derive(Debug, thiserror::Error)]
-pub(super) enum ScenarioError {
-    #[error(transparent)]
-    Journal(#[from] JournalError),
-    #[error(transparent)]
-    Provider(#[from] ProviderError),
-    #[error(transparent)]
-    Collection(#[from] CollectionError),
-    #[error("cannot write into the run directory")]
-    RunDirectory(#[from] io::Error),
-    /// The first of two failures is the one to mend: the second may well be its consequence.
-    #[error(
-        "{}; what there was of the environment could not be removed: {}",
-        with_causes(first),
-        with_causes(second)
-    )]
-    NotRemoved {
-        first: ProviderError,
-        second: Box<ScenarioError>,
-    },
-    #[error(
-        "the disk of {place} has {} free, and {windows} windows take about {}",
-        disk_space::in_words(*free),
-        disk_space::in_words(*wanted)
-    )]
-    NoRoom {
-        place: String,
-        windows: usize,
-        wanted: u64,
-        free: u64,
-    },
-    /// It was out of reach when the run was planned, or has become another since.
-    #[error("{}", .0.reason)]
-    AnotherHost(IdentityMismatch),
-    #[error("nothing was heard of the workload for {} s: it, its host or its engine stands still", lasted.as_secs())]
-    StandsStill { lasted: Duration },
-    #[error("the workload said {lines} different things, more than any does")]
-    SaysTooMuch { lines: usize },
-    #[error(
-        "the environment did not give out every measured window; missing: {}",
-        numbers(windows)
-    )]
-    NotGivenOut { windows: Vec<u32> },
-    #[error("`{environment}` of {} still measures on this host", run_directory.display())]
-    StillMeasuring {
-        environment: String,
-        run_directory: PathBuf,
-    },
-}
 
 /// What the workload says of its network is no longer.
 const LONGEST_TEXT: u64 = 4 << 20;
-
-impl From<RunError> for ScenarioError {
-    fn from(error: RunError) -> Self {
-        match error {
-            RunError::Journal(error) => Self::Journal(error),
-            RunError::Collection(error) => Self::Collection(error),
-            RunError::RunDirectory(error) => Self::RunDirectory(error),
-        }
-    }
-}
-
-fn numbers(windows: &[u32]) -> String {
-    let numbers: Vec<String> = windows.iter().map(u32::to_string).collect();
-    numbers.join(", ")
-}
 
 /// What a workload said until it ended.
 #[derive(Debug, Default)]
@@ -115,68 +50,6 @@ struct Heard {
     last: Option<Progress>,
     /// The windows that it has completed.
     completed: BTreeSet<u32>,
-}
-
-/// How one environment ended.
-struct Ending {
-    outcome: Outcome,
-    reason: Option<String>,
-    hint: Option<String>,
-    /// Whether its node failed or was taken away: another may do.
-    lost_its_node: bool,
-}
-
-/// What came of work on a scenario in one round.
-enum Work {
-    /// It ended.
-    Ended(Ending),
-    /// Its job is in its batch system's queue, and this process does not wait for it.
-    Left,
-}
-
-impl Ending {
-    fn of(outcome: Outcome, reason: Option<String>, hint: Option<String>) -> Self {
-        Self {
-            outcome,
-            reason,
-            hint,
-            lost_its_node: false,
-        }
-    }
-
-    fn errored(trouble: &ScenarioError) -> Self {
-        let hint = match trouble {
-            ScenarioError::Provider(error) => error.hint(),
-            ScenarioError::Journal(error) => Some(error.hint()),
-            ScenarioError::Collection(error) => Some(error.hint()),
-            ScenarioError::RunDirectory(error) => Some(disk_space::hint(error)),
-            ScenarioError::NoRoom { .. } => Some("make room on the disk and `matrix resume`".to_owned()),
-            ScenarioError::AnotherHost(contradiction) => Some(contradiction.fix.clone()),
-            ScenarioError::StandsStill { .. } => {
-                Some("`matrix resume` goes on with it when it gets on, `matrix clean` removes it".to_owned())
-            }
-            ScenarioError::SaysTooMuch { .. } => {
-                Some("see on its host what runs there; `matrix clean` removes it".to_owned())
-            }
-            ScenarioError::NotGivenOut { .. } => Some(
-                "`matrix resume` asks for them again; if they are gone, `matrix clean` removes the environment, and they \
-                 are measured again"
-                    .to_owned(),
-            ),
-            ScenarioError::StillMeasuring { run_directory, .. } => Some(format!(
-                "`matrix resume {}` goes on with it, `matrix clean` removes it",
-                escaping::pasted(run_directory)
-            )),
-            ScenarioError::NotRemoved { first, .. } => {
-                let clean = "`matrix clean` removes what is left".to_owned();
-                Some(match first.hint() {
-                    Some(hint) => format!("{hint}; {clean}"),
-                    None => clean,
-                })
-            }
-        };
-        Self::of(Outcome::Errored, Some(with_causes(trouble)), hint)
-    }
 }
 
 /// A workload says some ten things about its network and nodes, and two of each window.

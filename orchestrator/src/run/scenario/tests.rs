@@ -1,6 +1,6 @@
 use std::{
     collections::VecDeque,
-    path::Path,
+    path::{Path, PathBuf},
     sync::{
         Arc,
         atomic::{AtomicBool, Ordering},
@@ -21,7 +21,7 @@ use crate::{
     host::{Here, Host, Program},
     journal::Journal,
     observer::{Events, Observer},
-    provider::{Availability, Fleet, Leftover},
+    provider::{Availability, Fleet, Leftover, ProviderError},
     run::{keep::Keep, stop::stop_switch},
     state_directory::StateDirectory,
 };
