@@ -156,7 +156,6 @@ impl Jobs {
                 host: request.host.clone(),
                 scenario: request.scenario.clone(),
             },
-            wishes: self.nodes.slurm.clone(),
             script: programs.script.clone(),
             arguments: [
                 programs.workload.as_os_str(),
@@ -170,9 +169,7 @@ impl Jobs {
             .into(),
             output: folder.join(layout::JOB_OUTPUT),
             minutes: time::minutes(&request.settings, request.windows.len(), longest),
-            after: None,
-            node: None,
-            not_on: BTreeSet::new(),
+            ..self.any_job().await?
         })
     }
 

@@ -11,7 +11,7 @@ use orchestrator::{
 use record::connection::Slurm;
 use serde_json::Value;
 use tests::{
-    Ran, WHOLE_WINDOWS_COUNT,
+    Ran, Running, WHOLE_WINDOWS_COUNT,
     cluster::{Cluster, give},
     is_whole,
     sshd::Sshd,
@@ -74,6 +74,15 @@ fn facts(run: &Path, slug: &str) -> Value {
     let record: Value =
         serde_json::from_slice(&fs::read(path).expect("it was collected")).expect("it is JSON");
     record["facts"].clone()
+}
+
+/// A run of two windows that measures the second of them, and the node that does.
+fn in_the_second_window(cluster: &Cluster) -> (Running, String) {
+    let workplace = &cluster.workplace;
+    workplace.write("m.yaml", matrix("constraint: x86_64", &windows(2, 6)));
+    let mut running = workplace.start(&["run", "m.yaml"]);
+    running.wait_for("window 1 complete");
+    (running, cluster.running_on())
 }
 
 fn nothing_is_left(cluster: &Cluster) {
@@ -277,10 +286,7 @@ fn a_matrix_that_is_killed_at_any_step_of_a_submission_leaves_one_job_for_each_e
 fn a_node_that_stands_still_is_given_up_and_does_not_write_where_another_does_when_it_goes_on() {
     let cluster = Cluster::start();
     let workplace = &cluster.workplace;
-    workplace.write("m.yaml", matrix("constraint: x86_64", &windows(2, 6)));
-    let mut running = workplace.start(&["run", "m.yaml"]);
-    running.wait_for("window 1 complete");
-    let node = cluster.running_on();
+    let (mut running, node) = in_the_second_window(&cluster);
     cluster.node("hang", &node);
     running.wait_for("NODE_FAIL");
     running.wait_for("window 1 collected");
@@ -330,10 +336,7 @@ fn a_controller_that_is_away_costs_nothing_and_a_job_that_another_cancels_is_tol
 fn a_node_that_is_taken_away_for_somebody_elses_job_costs_the_window_that_it_cut() {
     let cluster = Cluster::start();
     let workplace = &cluster.workplace;
-    workplace.write("m.yaml", matrix("constraint: x86_64", &windows(2, 6)));
-    let mut running = workplace.start(&["run", "m.yaml"]);
-    running.wait_for("window 1 complete");
-    let node = cluster.running_on();
+    let (running, node) = in_the_second_window(&cluster);
     // Of root's, so that it is none of the jobs that are looked at.
     let urgent = Command::new("sbatch")
         .args([

@@ -2,7 +2,7 @@
 
 use std::{
     path::Path,
-    sync::{Arc, Mutex, PoisonError},
+    sync::{Arc, Mutex, MutexGuard, PoisonError},
     time::Duration,
 };
 
@@ -61,6 +61,7 @@ pub struct JobEnvironment {
     seen: Instant,
     /// When the folder was.
     seen_folder: Instant,
+    /// The job as the queue had it last.
     latest: Option<Job>,
     told: Option<JobStanding>,
     changes: u32,
@@ -113,6 +114,11 @@ impl JobEnvironment {
             backoff: Backoff::default(),
             last_line: None,
         }
+    }
+
+    fn remembered(&self) -> MutexGuard<'_, Memory> {
+        // It is whole whenever the lock is free, also after a panic.
+        self.parts.memory.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
     /// How far apart the cluster is asked.
@@ -217,8 +223,7 @@ impl JobEnvironment {
             Some((job, standing)) => {
                 let lost_its_node = standing == Standing::LostItsNode;
                 if let (true, Some(node)) = (lost_its_node, &job.node) {
-                    let mut memory = self.parts.memory.lock().unwrap_or_else(PoisonError::into_inner);
-                    memory.lost.insert(node.clone());
+                    self.remembered().lost.insert(node.clone());
                 }
                 let reason = job.reason.as_ref().map(|reason| format!(" ({reason})"));
                 let node = job.node.as_ref().map(|node| format!(" on {node}"));
@@ -274,7 +279,7 @@ impl JobEnvironment {
             .reason
             .as_ref()
             .is_some_and(|reason| reason.starts_with(NODE_GONE));
-        let mut memory = self.parts.memory.lock().unwrap_or_else(PoisonError::into_inner);
+        let mut memory = self.remembered();
         if is_gone {
             memory.lost.insert(node.clone());
         }
@@ -304,8 +309,7 @@ impl JobEnvironment {
         );
         let lost_its_node = job.is_some_and(|job| job.standing == Standing::LostItsNode);
         if let Some(node) = job.and_then(|job| job.node.clone()).filter(|_| lost_its_node) {
-            let mut memory = self.parts.memory.lock().unwrap_or_else(PoisonError::into_inner);
-            memory.lost.insert(node);
+            self.remembered().lost.insert(node);
         }
         Ended {
             lost_its_node,
