@@ -12,7 +12,7 @@ use std::{
 
 use nix::unistd::User;
 
-use crate::{Ran, Workplace, matrix_binary};
+use crate::{Ran, Workplace, matrix_binary, workloads_for};
 
 /// What has not happened by now never will.
 const HOPELESS: Duration = Duration::from_secs(120);
@@ -46,6 +46,22 @@ impl Cluster {
     /// When that fails.
     pub fn node(&self, what: &str, node: &str) {
         script("node", &[what, node]);
+    }
+
+    /// The workload for a machine, in a folder that its user can read, as `MATRIX_WORKLOADS` names it. Root's own folders need not be
+    /// readable to others.
+    ///
+    /// # Panics
+    /// When it cannot be built or copied.
+    #[must_use]
+    pub fn workload_for(&self, machine: &str) -> PathBuf {
+        let built = workloads_for(&[machine]);
+        let folder = self.workplace.path().join("workloads");
+        fs::create_dir_all(folder.join(machine)).expect("the user's folder can be written");
+        for file in ["SHA256SUMS", &format!("{machine}/workload")] {
+            fs::copy(built.join(file), folder.join(file)).expect("the builder made it");
+        }
+        folder
     }
 
     /// Ends the cluster's controller, or begins it again.

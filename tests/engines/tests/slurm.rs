@@ -15,7 +15,6 @@ use tests::{
     cluster::{Cluster, give},
     is_whole,
     sshd::Sshd,
-    workloads_for,
 };
 
 /// Asked often, so that nobody waits.
@@ -113,7 +112,7 @@ fn two_kinds_of_nodes_measure_a_sweep_over_ssh_and_a_power_cut_costs_the_window_
         "{{ssh: \"researcher@127.0.0.1:{}\", identity: identity, known_hosts: known_hosts}}",
         sshd.port()
     );
-    let workloads = workloads_for(&["i686"]);
+    let workloads = cluster.workload_for("i686");
     let mut workplace = cluster.workplace.beside();
     workplace.set("MATRIX_WORKLOADS", &workloads.display().to_string());
     let slurm = format!("{QUICK}, submit: {submit}");
