@@ -37,6 +37,12 @@ pub trait BatchSystem: Send + Sync {
     /// When it could never run, with what stands in the way.
     async fn forecast(&self, job: &JobRequest) -> Result<Forecast, ProviderError>;
 
+    /// The nodes on which this job could run some day: those that others use just now are among them.
+    ///
+    /// # Errors
+    /// When the cluster cannot be asked, or would refuse the job on whichever node.
+    async fn nodes(&self, job: &JobRequest) -> Result<FittingNodes, ProviderError>;
+
     /// The longest time that a job with these wishes may ask for, in minutes; none where there is no limit.
     ///
     /// # Errors
@@ -128,6 +134,15 @@ impl JobOwner {
             scenario: scenario.strip_prefix("scenario=")?.to_owned(),
         })
     }
+}
+
+/// The nodes that a job asks for.
+#[derive(Debug, Clone, Default, PartialEq, Eq)]
+pub struct FittingNodes {
+    /// The names of those that fit.
+    pub fit: Vec<String>,
+    /// Those that are out of service, of which the system does not say whether they fit: name and state.
+    pub out_of_service: Vec<(String, String)>,
 }
 
 /// When and where a job would run.

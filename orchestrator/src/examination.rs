@@ -101,7 +101,9 @@ pub async fn of_hosts(
     catalogue: Catalogue,
     probing: Probing,
 ) -> Result<Vec<Examination>, PreparationError> {
-    let file = MatrixFile::read(path, None, catalogue).map_err(PreparationError::File)?;
+    let mut file = MatrixFile::read(path, None, catalogue).map_err(PreparationError::File)?;
+    // A cluster that cannot be asked is examined as the one host that stands for it.
+    drop(survey::split_clusters(&mut file).await);
     let providers = survey::providers(&file);
     let mut answers = Vec::new();
     for host in providers.hosts() {

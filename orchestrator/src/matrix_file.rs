@@ -30,7 +30,7 @@ use std::{
 };
 
 use record::{
-    axis::SIMULATED,
+    axis::{NODE, SIMULATED},
     causes::with_causes,
     connection::Connection,
     experiment::CommandExperiment,
@@ -43,7 +43,7 @@ use rustix::fs::OFlags;
 pub use axes::{Assignment, Axes, Axis, AxisValue, Condition, Exclude, Include};
 pub(crate) use axes::{FEWER, SCENARIOS};
 pub use diagnostic::{Code, Diagnostic, DiagnosticRecord, Diagnostics, Severity};
-pub use hosts::{Host, THIS_MACHINE};
+pub use hosts::{Host, OneNode, THIS_MACHINE};
 pub(crate) use places::Places;
 pub use platforms::{PlatformFileError, PlatformFiles};
 pub use report_option::ReportOption;
@@ -162,6 +162,23 @@ impl MatrixFile {
             host.connection = Connection::Local;
         }
         self
+    }
+
+    /// Makes each of these nodes, by the name of the host that stands for them, a host of its own.
+    ///
+    /// # Errors
+    /// When there is none, or hosts would have one name.
+    pub fn split_hosts(&mut self, nodes: &BTreeMap<String, Vec<String>>) -> Result<(), Diagnostics> {
+        let mut axes = self.matrix.axes.iter();
+        if let Some(label) = axes
+            .find(|axis| axis.name.value == NODE)
+            .filter(|_| !nodes.is_empty())
+        {
+            let message = "the axis `node` has the nodes of a cluster (`nodes: each`)";
+            let error = Diagnostic::error(&self.source, Code::InvalidValue, label.name.span, message);
+            return Err(error.help("give this label another name").into());
+        }
+        hosts::split(&self.source, &mut self.hosts, nodes)
     }
 
     /// Takes the platforms of simulated scenarios from a folder.

@@ -53,6 +53,8 @@ pub struct Plan {
     pub environments: Option<Design>,
     /// The hosts that could not be asked what they can do, and why.
     pub silent: BTreeMap<String, String>,
+    /// The hosts that stand for nodes of a cluster that was not asked which they are.
+    pub unknown_nodes: Vec<String>,
     /// What environments of scenarios that run may do beyond what every environment of ours may.
     pub rights: Vec<AskedRight>,
     /// What is odd and yet no error, the file's own warnings among it.
@@ -86,6 +88,7 @@ impl<'a> ExpandedMatrix<'a> {
         let mut found = file.warnings.clone();
         let offers = offers(file, facts);
         let combinations = expand(file, &offers, &mut found);
+        check_nodes(file, &mut found);
         check_hosts(file, &combinations, &offers, &mut found);
         let (combinations, mut found) = found.unless_errors(combinations)?;
         let settings = combinations
@@ -190,6 +193,12 @@ impl<'a> ExpandedMatrix<'a> {
             attainable,
             environments,
             windows,
+            unknown_nodes: file
+                .hosts
+                .iter()
+                .filter(|host| host.is_each_node())
+                .map(|host| host.name.value.clone())
+                .collect(),
             silent: offers
                 .iter()
                 .filter_map(|offer| Some((offer.host.clone(), offer.silence()?.reason.clone())))
@@ -233,6 +242,18 @@ fn check_windows(file: &MatrixFile, scenarios: &[PlannedScenario], found: &mut D
         let message = format!("these are {windows} windows in all, more than {most}");
         let span = file.place_of("workload.windows");
         found.push(Diagnostic::error(&file.source, Code::InvalidValue, span, message).help(FEWER));
+    }
+}
+
+/// Without asking a cluster its nodes are not known.
+fn check_nodes(file: &MatrixFile, found: &mut Diagnostics) {
+    for host in file.hosts.iter().filter(|host| host.is_each_node()) {
+        let message = format!(
+            "which nodes `{}` stands for was not asked: it is planned as one host",
+            host.name.value
+        );
+        let help = "`matrix plan` asks the cluster";
+        found.push(Diagnostic::warning(&file.source, Code::SilentHost, host.name.span, message).help(help));
     }
 }
 

@@ -95,7 +95,10 @@ impl PreparationError {
 /// # Errors
 /// All that is wrong with the file, or with its scenarios. That a host does not answer is none.
 pub async fn prepare(request: &PlanRequest<'_>, catalogue: Catalogue) -> Result<Prepared, PreparationError> {
-    let file = read(request, catalogue).map_err(PreparationError::File)?;
+    let mut file = read(request, catalogue).map_err(PreparationError::File)?;
+    survey::split_clusters(&mut file)
+        .await
+        .map_err(PreparationError::Plan)?;
     let providers = survey::providers(&file);
     let mut facts = survey::identities(&providers).await;
     let matrix = ExpandedMatrix::of(&file, &facts).map_err(PreparationError::Plan)?;

@@ -13,6 +13,7 @@ use std::{
 };
 
 use record::{
+    axis::NATIVE,
     causes::with_causes,
     connection::Connection,
     platform::{PlatformRecord, os_name},
@@ -21,10 +22,11 @@ use record::{
 use rustix::system::uname;
 
 use crate::{
+    batch::{Clusters, FittingNodes},
     host::{self, Host},
-    matrix_file::{self, MatrixFile},
+    matrix_file::{self, Code, Diagnostic, Diagnostics, MatrixFile},
     plan::{HostFacts, Obstacle, ProviderFacts, Questions},
-    provider::{Availability, Provider, Providers, detached::AgentClient},
+    provider::{Availability, Provider, Providers, detached::AgentClient, jobs::Jobs},
     state_directory::StateDirectory,
 };
 
@@ -34,6 +36,49 @@ pub fn providers(file: &MatrixFile) -> Providers {
     let state = StateDirectory::of_this_user();
     let hosts = file.hosts.iter().map(|it| host::of(said_of(it), &state));
     Providers::new(file.catalogue, file.providers.clone(), hosts)
+}
+
+/// Makes each node of a cluster a host where the file asks for that (`nodes: each`). The clusters are asked which nodes fit, one
+/// after another.
+///
+/// # Errors
+/// When a cluster cannot be asked, has no such node, or a node's name cannot be a host's.
+pub async fn split_clusters(file: &mut MatrixFile) -> Result<(), Diagnostics> {
+    let state = StateDirectory::of_this_user();
+    let mut found = Diagnostics::new();
+    let mut nodes = BTreeMap::new();
+    for said in file.hosts.iter().filter(|host| host.is_each_node()) {
+        let span = said.name.span;
+        let host = host::of(said_of(said), &state);
+        let Some(wanted) = host.nodes() else { continue };
+        let jobs = Jobs::new(NATIVE, &host, wanted, &Clusters::default());
+        match jobs.fitting_nodes().await {
+            Ok(FittingNodes { fit, out_of_service }) => {
+                for (node, state) in out_of_service {
+                    let message = format!("node `{node}` is {state}, and is left out");
+                    let help = "`sinfo -R` prints why; the other nodes are measured";
+                    found.push(Diagnostic::warning(&file.source, Code::SilentHost, span, message).help(help));
+                }
+                nodes.insert(said.name.value.clone(), fit);
+            }
+            Err(error) => {
+                let message = format!(
+                    "which nodes `{}` stands for is not known: {}",
+                    said.name.value,
+                    with_causes(&error)
+                );
+                let mut wrong = Diagnostic::error(&file.source, Code::SilentHost, span, message);
+                if let Some(hint) = error.hint() {
+                    wrong = wrong.help(hint);
+                }
+                found.push(wrong);
+            }
+        }
+    }
+    let ((), told) = found.unless_errors(())?;
+    file.split_hosts(&nodes)?;
+    file.warnings.extend(told);
+    Ok(())
 }
 
 /// What a matrix file says of a host.

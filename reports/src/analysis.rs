@@ -9,6 +9,7 @@ pub mod comparison;
 pub mod conclusion;
 pub mod contrast;
 pub(crate) mod declaration;
+pub mod expectation;
 pub(crate) mod fields;
 pub mod health;
 pub mod measured_experiment;

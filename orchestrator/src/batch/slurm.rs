@@ -9,10 +9,11 @@ mod answers;
 use std::{env, ffi::OsString, path::PathBuf, sync::Arc, time::Duration};
 
 use async_trait::async_trait;
+use futures_util::future::try_join_all;
 use record::connection::{Connection, Slurm};
 use tokio::sync::Semaphore;
 
-use super::{BatchSystem, Forecast, Job, JobRequest};
+use super::{BatchSystem, FittingNodes, Forecast, Job, JobRequest};
 use crate::{
     host::{Exit, Host, HostError, Program, output},
     provider::ProviderError,
@@ -137,6 +138,31 @@ fn text(option: &str, value: impl std::fmt::Display) -> String {
     format!("--{option}={value}")
 }
 
+impl SlurmCommands {
+    /// Whether a node is one that a job asks for.
+    async fn could_run_on(&self, job: &JobRequest, node: &str) -> Result<bool, ProviderError> {
+        let action = "asking which nodes fit";
+        let job = JobRequest {
+            node: Some(node.to_owned()),
+            ..job.clone()
+        };
+        let (exit, _) = self.run(action, "sbatch", test_only(&job)).await?;
+        match exit.success() {
+            true => Ok(true),
+            false if answers::does_not_fit(&exit.last_words) => Ok(false),
+            false => Err(self.refused(action, &exit)),
+        }
+    }
+}
+
+/// The options that ask when a job would run, and submit nothing.
+fn test_only(job: &JobRequest) -> Vec<String> {
+    let mut arguments = vec!["--test-only".to_owned()];
+    arguments.extend(options(job));
+    arguments.push("--wrap=true".to_owned());
+    arguments
+}
+
 /// The options by which a job is made: whole node, once, and no variables of ours.
 fn options(job: &JobRequest) -> Vec<String> {
     let mut options = job.wishes.wishes();
@@ -198,15 +224,38 @@ impl BatchSystem for SlurmCommands {
     }
 
     async fn forecast(&self, job: &JobRequest) -> Result<Forecast, ProviderError> {
-        let mut arguments = vec!["--test-only".to_owned()];
-        arguments.extend(options(job));
-        arguments.push("--wrap=true".to_owned());
         let action = "asking when a job would run";
-        let (exit, _) = self.run(action, "sbatch", arguments).await?;
+        let (exit, _) = self.run(action, "sbatch", test_only(job)).await?;
         match exit.success() {
             true => Ok(answers::forecast(&exit.last_words)),
             false => Err(self.refused(action, &exit)),
         }
+    }
+
+    async fn nodes(&self, job: &JobRequest) -> Result<FittingNodes, ProviderError> {
+        let mut arguments = vec![
+            "--noheader".to_owned(),
+            "--Node".to_owned(),
+            text("format", answers::NODES),
+        ];
+        let narrowed = [
+            ("partition", &job.wishes.partition),
+            ("nodes", &job.wishes.nodelist),
+        ];
+        let narrowed = narrowed
+            .into_iter()
+            .filter_map(|(option, value)| Some(text(option, value.as_ref()?)));
+        arguments.extend(narrowed);
+        let said = self.ask("asking for its nodes", "sinfo", arguments).await?;
+        let (names, out_of_service) = answers::nodes(&said, job.wishes.partition.is_some());
+        // Constraints are expressions, and reservations and accounts have rules: Slurm itself tells of each node.
+        let fit = names.iter().map(|name| self.could_run_on(job, name));
+        let fit = try_join_all(fit).await?;
+        let fitting = std::iter::zip(names, fit).filter(|(_, fits)| *fits);
+        Ok(FittingNodes {
+            fit: fitting.map(|(name, _)| name).collect(),
+            out_of_service,
+        })
     }
 
     async fn longest_minutes(&self, wishes: &Slurm) -> Result<Option<u32>, ProviderError> {

@@ -4,7 +4,7 @@
 
 use std::sync::Arc;
 
-use record::run_directory::PlanRecord;
+use record::{axis::NODE, run_directory::PlanRecord};
 use wildmatch::WildMatch;
 
 use super::{
@@ -451,7 +451,8 @@ impl Section<'_> {
     /// Whether a rule may name it: an axis that changes something, or one of the section's labels.
     fn is_axis(&mut self, name: &Spanned<String>, node: &Node) -> bool {
         match self.role(name) {
-            Some(Role::Label) if !self.labels.contains(&name.value) => {
+            // A cluster's nodes are no label's values.
+            Some(Role::Label) if name.value != NODE && !self.labels.contains(&name.value) => {
                 self.unknown_axis(name, node);
                 false
             }

@@ -8,12 +8,12 @@
 
 use std::collections::{HashMap, HashSet};
 
-use record::axis::{HARDWARE, NATIVE, OS, VIRTUALIZATION};
+use record::axis::{HARDWARE, NATIVE, NODE, OS, VIRTUALIZATION};
 
 use super::placement::HostCapabilities;
 use crate::matrix_file::{
-    Assignment, Axis, AxisValue, Code, Condition, Diagnostic, Diagnostics, Exclude, FEWER, Include,
-    MatrixFile, Role, SCENARIOS, did_you_mean, list, propose, source::Span,
+    Assignment, Axis, AxisValue, Code, Condition, Diagnostic, Diagnostics, Exclude, FEWER, Host, Include,
+    MatrixFile, OneNode, Role, SCENARIOS, did_you_mean, list, propose, source::Span,
 };
 
 /// The reason of an exclude that gives none.
@@ -139,6 +139,14 @@ impl<'a> Expansion<'a> {
             });
             combinations = extended.collect();
         }
+        let combinations: Vec<Values> = combinations
+            .into_iter()
+            .flat_map(|values| self.on_nodes(values))
+            .collect();
+        if combinations.len() > SCENARIOS {
+            self.too_many(Some(combinations.len()));
+            return;
+        }
         self.drafts = combinations
             .into_iter()
             .map(|original| Draft {
@@ -179,6 +187,34 @@ impl<'a> Expansion<'a> {
                 ]
             })
             .collect()
+    }
+
+    /// The values on each node of the cluster, where the first host that offers them is one of its nodes.
+    fn on_nodes(&self, values: Values) -> Vec<Values> {
+        let offers = |offer: &&HostCapabilities| {
+            [HARDWARE, OS]
+                .iter()
+                .all(|axis| value_of(&values, axis).map(|value| value.text.as_str()) == offer.get(axis))
+        };
+        let offering = self
+            .offers
+            .iter()
+            .filter(offers)
+            .filter_map(|offer| offer.node.as_ref());
+        let first = self
+            .offers
+            .iter()
+            .find(offers)
+            .and_then(|offer| offer.node.as_ref());
+        let Some(first) = first.filter(|_| value_of(&values, NODE).is_none()) else {
+            return vec![values];
+        };
+        let on_node = |node: &OneNode| {
+            let mut values = values.clone();
+            values.push((NODE.to_owned(), AxisValue::word(&node.name)));
+            values
+        };
+        offering.filter(|node| node.of == first.of).map(on_node).collect()
     }
 
     /// The values of one of hardware and OS, with each that the hosts offer of the other.
@@ -226,7 +262,13 @@ impl<'a> Expansion<'a> {
     /// from a longer list of values, or stand for a profile: a warning.
     fn matches_nothing(&mut self, exclude: &Exclude) {
         let source = &self.file.source;
-        let usual = [HARDWARE, OS, VIRTUALIZATION];
+        let usual = [HARDWARE, OS, NODE, VIRTUALIZATION];
+        // Which nodes there are is not known yet.
+        if self.file.hosts.iter().any(Host::is_each_node)
+            && exclude.conditions.iter().any(|it| it.axis.value == NODE)
+        {
+            return;
+        }
         for wanted in &exclude.conditions {
             let axis = wanted.axis.value.as_str();
             let name = wanted.axis.span;
@@ -375,12 +417,14 @@ impl<'a> Expansion<'a> {
                 .unwrap_or(usize::MAX)
         };
         values.sort_by_key(|(axis, _)| place(axis));
-        self.drafts.push(Draft {
-            original: values,
+        let included = self.on_nodes(values).into_iter().map(|original| Draft {
+            original,
             added: Vec::new(),
             excluded: None,
             made_by: Some(include.span),
         });
+        let included: Vec<Draft> = included.collect();
+        self.drafts.extend(included);
     }
 
     /// Hardware and OS that are not named are those of the first host that offers the rest.
@@ -422,6 +466,8 @@ impl<'a> Expansion<'a> {
             if value_of(&axes, VIRTUALIZATION).is_none() {
                 axes.push((VIRTUALIZATION.to_owned(), AxisValue::word(NATIVE)));
             }
+            // Last, wherever an include names it: a cluster's nodes are the fastest axis.
+            axes.sort_by_key(|(axis, _)| axis == NODE);
             let mut identity: Vec<_> = axes
                 .iter()
                 .map(|(axis, value)| (axis.clone(), value.text.clone()))

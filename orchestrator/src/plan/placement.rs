@@ -3,7 +3,7 @@
 use std::collections::{BTreeMap, btree_map::Entry};
 
 use record::{
-    axis::{HARDWARE, OS},
+    axis::{HARDWARE, NODE, OS},
     identity::{HostIdentity, IdentityMismatch},
     run_directory::PlannedScenario,
     settings::Need,
@@ -13,7 +13,7 @@ use serde::{Deserialize, Serialize};
 
 use super::expansion::Combination;
 use crate::{
-    matrix_file::{Host, did_you_mean, list},
+    matrix_file::{Host, OneNode, did_you_mean, list},
     provider::Availability,
 };
 
@@ -54,6 +54,8 @@ pub struct HostCapabilities {
     pub os: String,
     /// The pool that it is in, if it is in one.
     pub pool: Option<String>,
+    /// The node that it is, where each of a cluster's nodes is a host.
+    pub node: Option<OneNode>,
     /// What is wrong with what the file says that it is.
     pub contradiction: Option<IdentityMismatch>,
     facts: Option<HostFacts>,
@@ -72,6 +74,7 @@ impl HostCapabilities {
             hardware: or_found(&host.hardware, facts.map(|facts| &facts.hardware)),
             os: or_found(&host.os, facts.map(|facts| &facts.os)),
             pool: host.pool.clone(),
+            node: host.node.clone(),
             contradiction: facts.and_then(|facts| {
                 let claim = HostIdentity {
                     host: &host.name.value,
@@ -84,12 +87,13 @@ impl HostCapabilities {
         }
     }
 
-    /// The value of one of the two axes that hosts have.
+    /// The value of one of the axes that hosts have.
     #[must_use]
     pub fn get(&self, axis: &str) -> Option<&str> {
         match axis {
             HARDWARE => Some(&self.hardware),
             OS => Some(&self.os),
+            NODE => Some(&self.node.as_ref()?.name),
             _ => None,
         }
     }
@@ -152,7 +156,7 @@ pub struct Placement {
     pub obstacle: Option<Obstacle>,
 }
 
-/// The hosts that offer a combination's hardware and OS.
+/// The hosts that offer a combination's hardware and OS, and its node if it has one.
 pub fn fitting<'a>(
     combination: &Combination,
     offers: &'a [HostCapabilities],
@@ -161,6 +165,9 @@ pub fn fitting<'a>(
         [HARDWARE, OS]
             .iter()
             .all(|axis| combination.value(axis) == offer.get(axis))
+            && combination
+                .value(NODE)
+                .is_none_or(|node| offer.get(NODE) == Some(node))
     })
 }
 

@@ -1,8 +1,12 @@
 //! Whether the scenarios, windows and axes are there that the report's settings name. The main function is [`check`].
 
-use std::collections::BTreeSet;
+use std::collections::{BTreeMap, BTreeSet};
 
-use record::{report_settings::ReportSettings, run_directory::PlannedScenario};
+use record::{
+    experiment::Compare,
+    report_settings::{Amount, HOST, ReportSettings, TRACKING_ERROR, Tolerance},
+    run_directory::PlannedScenario,
+};
 
 use crate::matrix_file::{Code, Diagnostic, Diagnostics, Places, list, propose};
 
@@ -16,6 +20,97 @@ pub(super) fn check(
     check_figures(places, report, scenarios, found);
     check_family(places, report, scenarios, found);
     check_baseline(places, report, scenarios, found);
+    check_expectations(places, report, scenarios, found);
+}
+
+/// The metrics of which something is expected, in which scenarios.
+fn check_expectations(
+    places: &Places<'_>,
+    report: &ReportSettings,
+    scenarios: &[PlannedScenario],
+    found: &mut Diagnostics,
+) {
+    let metrics: BTreeMap<&str, Option<Compare>> = scenarios
+        .iter()
+        .flat_map(|scenario| match &scenario.settings.experiment {
+            None => vec![(TRACKING_ERROR, None)],
+            Some(experiment) => {
+                let metrics = experiment.metrics.iter();
+                metrics
+                    .map(|metric| (metric.name.as_str(), Some(metric.compare)))
+                    .collect()
+            }
+        })
+        .collect();
+    for (metric, expected) in &report.expect {
+        let path = format!("report.expect.{metric}");
+        let mut wrong = |span, message: String, help: String| {
+            found.push(Diagnostic::error(places.source, Code::InvalidValue, span, message).help(help));
+        };
+        match metrics.get(metric.as_str()) {
+            None => {
+                let message = format!("there is no metric `{metric}` to expect something of");
+                wrong(
+                    places.of_key(&path),
+                    message,
+                    propose(metric, metrics.keys().copied()),
+                );
+                continue;
+            }
+            Some(Some(Compare::Identical)) => {
+                let message = format!("`{metric}` is compared byte for byte, and has no mean");
+                wrong(
+                    places.of_key(&path),
+                    message,
+                    "leave it out, or write `compare: ks` with the metric".to_owned(),
+                );
+                continue;
+            }
+            Some(_) => {}
+        }
+        let is_ball = metric == TRACKING_ERROR && metrics[TRACKING_ERROR].is_none();
+        for expectation in &expected.0 {
+            let span = places.of(&path);
+            let is_length = |amount: Amount| matches!(amount, Amount::Length(_));
+            let tolerances = [expectation.below, expectation.above].into_iter().flatten();
+            let amounts = tolerances.filter_map(|tolerance| match tolerance {
+                Tolerance::Share(_) => None,
+                Tolerance::Amount(amount) => Some(amount),
+            });
+            let other = std::iter::once(expectation.value)
+                .chain(amounts)
+                .find(|amount| is_length(*amount) != is_ball);
+            match other {
+                Some(amount) if is_ball => wrong(
+                    span,
+                    format!("`{amount}` has no unit, and `error` is a length"),
+                    format!("write `{amount}mm` or whatever it is"),
+                ),
+                Some(amount) => wrong(
+                    span,
+                    format!("`{amount}` is a length, and `{metric}` has a unit of its own"),
+                    "write the number alone, in the metric's unit".to_owned(),
+                ),
+                None => {}
+            }
+            if expectation.below.is_none() && expectation.above.is_none() {
+                let message = format!("`{metric}` may be anything: this bounds nothing");
+                wrong(span, message, "add `above: 5%`, `below: 5%` or both".to_owned());
+            }
+            if !scenarios.iter().any(|scenario| expectation.is_of(scenario)) {
+                let wanted = expectation.scenarios.iter();
+                let wanted: Vec<_> = wanted.map(|(key, value)| format!("{key}: {value}")).collect();
+                let message = format!("no scenario has `{}`", wanted.join(", "));
+                let axes = scenarios.iter().flat_map(|it| it.axes.keys().map(String::as_str));
+                let keys: BTreeSet<&str> = axes.chain([HOST]).collect();
+                wrong(
+                    span,
+                    message,
+                    format!("write values of {}, as the plan prints them", list(keys)),
+                );
+            }
+        }
+    }
 }
 
 /// The scenarios and windows that are to be drawn.

@@ -700,3 +700,80 @@ fn a_host_of_a_pool_that_cannot_run_one_of_the_scenarios_has_no_round_of_the_oth
     assert_eq!(hosts_of(&record), [["two"; 3]; 2]);
     assert!(record.scenarios.iter().all(|scenario| scenario.feasible));
 }
+
+/// Two nodes of a cluster and this machine, with these lines below `matrix:`.
+fn on_each_node(matrix: &str) -> Result<Plan, Diagnostics> {
+    let text = format!(
+        "hosts:\n  lab: {{hardware: i686, os: alpine, connect: {{slurm: {{nodes: each}}}}}}\n  here: {{hardware: x86_64, os: \
+         debian-12, connect: local}}\nmatrix:\n{matrix}"
+    );
+    let mut file = MatrixFile::parse("matrix.yaml", text.as_bytes(), None)?;
+    let nodes = ["n1", "n2"].map(str::to_owned).to_vec();
+    file.split_hosts(&BTreeMap::from([("lab".to_owned(), nodes)]))?;
+    let facts = BTreeMap::from([
+        ("lab-n1".to_owned(), willing("i686", "alpine")),
+        ("lab-n2".to_owned(), willing("i686", "alpine")),
+        ("here".to_owned(), willing("x86_64", "debian-12")),
+    ]);
+    plan(&file, &facts, &Selection::default(), Order::default(), 1)
+}
+
+#[test]
+fn each_node_of_a_cluster_measures_every_scenario_that_the_cluster_offers() {
+    let plan = on_each_node("  virtualization: [native, simulated]\n  exclude: [{node: n2, virtualization: simulated, reason: one is enough}]\n")
+        .unwrap();
+    let placed: Vec<_> = plan
+        .record
+        .scenarios
+        .iter()
+        .map(|it| format!("{} {} {}", it.slug, it.host.as_deref().unwrap_or("-"), it.runs()))
+        .collect();
+    assert_eq!(
+        placed,
+        [
+            "i686-alpine-native-node-n1 lab-n1 true",
+            "i686-alpine-native-node-n2 lab-n2 true",
+            "i686-alpine-simulated-node-n1 lab-n1 true",
+            "i686-alpine-simulated-node-n2 lab-n2 false",
+            "x86-64-debian-12-native here true",
+            "x86-64-debian-12-simulated here true",
+        ]
+    );
+    assert!(plan.warnings.is_empty(), "{}", plan.warnings);
+}
+
+#[test]
+fn what_an_include_adds_on_a_cluster_is_measured_on_each_of_its_nodes() {
+    let plan = on_each_node("  include: [{os: alpine}, {node: n2, os: alpine, virtualization: simulated}]\n")
+        .unwrap();
+    assert_eq!(
+        table(&plan),
+        "a i686-alpine-native-node-n1\nb i686-alpine-native-node-n2\nc i686-alpine-simulated-node-n2"
+    );
+}
+
+#[test]
+fn a_node_that_is_not_there_is_told_and_no_axis_or_label_takes_the_place_of_the_clusters_nodes() {
+    let exclude = "  virtualization: [native]\n  exclude: [{node: n3, reason: broken}]\n";
+    let told = on_each_node(exclude).unwrap().warnings.to_string();
+    assert!(told.contains("no scenario has `node: n3`"), "{told}");
+    let wrong = on_each_node("  node: [n1]\n").unwrap_err().to_string();
+    assert!(wrong.contains("there is no setting `node`"), "{wrong}");
+    let wrong = on_each_node("  labels: {node: [n1]}\n").unwrap_err().to_string();
+    assert!(wrong.contains("give this label another name"), "{wrong}");
+}
+
+#[test]
+fn without_asking_a_cluster_its_nodes_are_one_host_and_names_of_nodes_are_left_open() {
+    let text = "hosts: {lab: {hardware: i686, os: alpine, connect: {slurm: {nodes: each}}}}\n\
+                matrix: {virtualization: [native], exclude: [{node: n9, reason: broken}]}\n";
+    let file = MatrixFile::parse("matrix.yaml", text.as_bytes(), None).unwrap();
+    let facts = BTreeMap::from([("lab".to_owned(), willing("i686", "alpine"))]);
+    let plan = plan(&file, &facts, &Selection::default(), Order::default(), 1).unwrap();
+    assert_eq!(table(&plan), "a i686-alpine-native");
+    let told = plan.warnings.to_string();
+    assert!(
+        told.contains("planned as one host") && !told.contains("n9"),
+        "{told}"
+    );
+}

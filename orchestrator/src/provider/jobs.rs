@@ -45,7 +45,7 @@ use super::{
     detached::{AgentClient, DIRECTORY},
 };
 use crate::{
-    batch::{Cluster, Clusters, Job, JobOwner, JobRequest},
+    batch::{Cluster, Clusters, FittingNodes, Job, JobOwner, JobRequest},
     host::{
         Host, Program, SlurmNodes,
         slurm::{self, JobPrograms},
@@ -192,6 +192,14 @@ impl Jobs {
             node: None,
             not_on: BTreeSet::new(),
         })
+    }
+
+    /// The nodes that the host stands for.
+    ///
+    /// # Errors
+    /// When the cluster cannot be asked, or refuses what is wanted of it.
+    pub async fn fitting_nodes(&self) -> Result<FittingNodes, ProviderError> {
+        self.cluster.system.nodes(&self.any_job().await?).await
     }
 
     /// Whether a node has what a need asks for, looked at in a job of its own.

@@ -14,7 +14,7 @@
 //! them. It needs no search: under a labelling with the shift A of the levels and B of what was moved, moving back by δ gives
 //! A − δB, so that each labelling has one interval of δ within which it is as extreme as the observed one.
 
-use record::axis::{HARDWARE, OS, VIRTUALIZATION};
+use record::axis::{HARDWARE, NODE, OS, VIRTUALIZATION};
 use serde::Serialize;
 use statistics::{
     effect::{self, CONFIDENCE, Estimate, Interval},
@@ -27,9 +27,9 @@ use crate::analysis::{sample::Sample, scenario::ScenarioReport, setup::SetupDiff
 /// Two values of an axis, compared within strata.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Conclusion {
-    /// `virtualization` or `os`.
+    /// `virtualization`, `os` or `node`.
     pub axis: &'static str,
-    /// The first value.
+    /// The first value; of a node, [`OTHER_NODES`] where there are several.
     pub first: String,
     /// The second.
     pub second: String,
@@ -72,8 +72,11 @@ struct Levels {
     levels: Vec<f64>,
 }
 
-/// Compares every two values of `virtualization`, and of `os`, that have windows in a stratum in common. Strata with scenarios
-/// that did not run the same experiment are left out.
+/// What stands in a conclusion for all nodes but one.
+pub const OTHER_NODES: &str = "the other nodes";
+
+/// Compares every two values of `virtualization`, and of `os`, that have windows in a stratum in common, and each `node` with all
+/// others. Strata with scenarios that did not run the same experiment are left out.
 #[must_use]
 pub fn conclusions(
     scenarios: &[ScenarioReport],
@@ -91,18 +94,15 @@ pub fn conclusions(
         .filter(|(_, levels)| !levels.is_empty())
         .collect();
     let mut found = Vec::new();
-    for axis in [VIRTUALIZATION, OS] {
+    for axis in [VIRTUALIZATION, OS, NODE] {
         let mut values: Vec<String> = Vec::new();
         for value in with_data.iter().filter_map(|(scenario, _)| value(scenario, axis)) {
             if !values.contains(&value) {
                 values.push(value);
             }
         }
-        for (at, first) in values.iter().enumerate() {
-            for second in values.iter().skip(at + 1) {
-                let pair = [first.as_str(), second.as_str()];
-                found.extend(Conclusion::of(axis, pair, &with_data, unlike, seed));
-            }
+        for sides in Side::pairs(axis, &values) {
+            found.extend(Conclusion::of(axis, sides, &with_data, unlike, seed));
         }
     }
     let adjusted = holm(&found.iter().map(|one| one.test.p).collect::<Vec<_>>());
@@ -119,26 +119,69 @@ fn value(scenario: &ScenarioReport, axis: &str) -> Option<String> {
     }
 }
 
+/// One side of a conclusion.
+#[derive(Debug, Clone, Copy)]
+enum Side<'a> {
+    /// One value of the axis.
+    Value(&'a str),
+    /// All values but this one.
+    AllBut(&'a str),
+}
+
+impl<'a> Side<'a> {
+    /// What is compared of the values of an axis: nodes are alike until one is odd, so that each is compared with all others.
+    fn pairs(axis: &str, values: &'a [String]) -> Vec<[Self; 2]> {
+        if axis == NODE && values.len() > 2 {
+            let against_others = values
+                .iter()
+                .map(|value| [Self::AllBut(value), Self::Value(value)]);
+            return against_others.collect();
+        }
+        let pairs = values.iter().enumerate().flat_map(|(at, first)| {
+            let later = values.iter().skip(at + 1);
+            later.map(move |second| [Self::Value(first), Self::Value(second)])
+        });
+        pairs.collect()
+    }
+
+    fn holds(self, value: &str) -> bool {
+        match self {
+            Self::Value(own) => value == own,
+            Self::AllBut(other) => value != other,
+        }
+    }
+
+    fn name(self) -> &'a str {
+        match self {
+            Self::Value(own) => own,
+            Self::AllBut(_) => OTHER_NODES,
+        }
+    }
+}
+
 impl Conclusion {
     fn of(
         axis: &'static str,
-        [first, second]: [&str; 2],
+        sides: [Side<'_>; 2],
         scenarios: &[(&ScenarioReport, Vec<f64>)],
         unlike: &[SetupDifference],
         seed: u64,
     ) -> Option<Self> {
-        let strata = |free: &[&str]| strata(axis, [first, second], free, scenarios, unlike);
-        let (found, hardware_differs) = match strata(&[]) {
-            // A machine has one operating system: no hardware may have both.
-            none if none.is_empty() && axis == OS => (strata(&[HARDWARE]), true),
-            found => (found, false),
+        let strata = |free: &[&str]| strata(axis, sides, free, scenarios, unlike);
+        let (found, hardware_differs) = match axis {
+            // A machine has one operating system: no hardware may have both, and no node has.
+            OS => match strata(&[NODE]) {
+                none if none.is_empty() => (strata(&[NODE, HARDWARE]), true),
+                found => (found, false),
+            },
+            _ => (strata(&[]), false),
         };
         let (test, shift) = stratified(&found, Effort::of_a_report(seed))?;
         let strata: Vec<Stratum> = found.into_iter().map(|it| it.stratum).collect();
         Some(Self {
             axis,
-            first: first.to_owned(),
-            second: second.to_owned(),
+            first: sides[0].name().to_owned(),
+            second: sides[1].name().to_owned(),
             hardware_differs,
             smallest_p: smallest_p(&strata, &test),
             strata,
@@ -149,10 +192,10 @@ impl Conclusion {
     }
 }
 
-/// The strata in which both values have windows: scenarios alike in all axes but this one and those that are left `free`.
+/// The strata in which both sides have windows: scenarios alike in all axes but this one and those that are left `free`.
 fn strata(
     axis: &str,
-    values: [&str; 2],
+    sides: [Side<'_>; 2],
     free: &[&str],
     scenarios: &[(&ScenarioReport, Vec<f64>)],
     unlike: &[SetupDifference],
@@ -172,9 +215,9 @@ fn strata(
         }
     }
     let stratum = |name: String| {
-        let [a, b] = values.map(|wanted| {
+        let [a, b] = sides.map(|side| {
             let own = scenarios.iter().filter(|(scenario, _)| {
-                fixed(scenario) == name && value(scenario, axis).as_deref() == Some(wanted)
+                fixed(scenario) == name && value(scenario, axis).is_some_and(|value| side.holds(&value))
             });
             own.collect::<Vec<_>>()
         });

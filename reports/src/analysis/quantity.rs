@@ -4,7 +4,7 @@
 use record::{
     experiment::{Compare, Metric},
     quantity::Length,
-    report_settings::{ErrorOf, ReportSettings, WarmUp},
+    report_settings::{ErrorOf, ReportSettings, TRACKING_ERROR, WarmUp},
     settings::Settings,
 };
 
@@ -51,7 +51,7 @@ impl Quantity {
             WarmUp::Cut => ", and those in which a window warms up (MSER)",
         };
         Self {
-            name: "error".to_owned(),
+            name: TRACKING_ERROR.to_owned(),
             is_tracking_error: true,
             unit: "m".to_owned(),
             compare: Compare::Ks,

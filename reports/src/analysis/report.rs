@@ -15,6 +15,7 @@ use crate::{
         comparison::{Comparisons, FrameError, Tally, compare},
         conclusion::{Conclusion, conclusions},
         contrast::{Contrasts, Verdict},
+        expectation::ExpectedMean,
         other_ways::Way,
         packet_counts::{self, TrafficTally},
         packet_explanations::{self, Explanation},
@@ -63,6 +64,8 @@ pub struct Report {
     pub contrasts: Contrasts,
     /// The same pairs with the environment as the unit, which then decides; none where each scenario has one environment.
     pub replicates: Option<Replicates>,
+    /// What the metric is in each scenario for which the settings say what is expected of it.
+    pub expected: Vec<ExpectedMean>,
     /// Virtualizations over all platforms, and operating systems, each two of them.
     pub conclusions: Vec<Conclusion>,
     /// What became of the packets; empty without captures.
@@ -147,6 +150,7 @@ fn of_a_metric(run: &Run, quantity: Quantity, traffic: Traffic, settings: &Repor
         other_ways: Vec::new(),
         traffic,
         conclusions: conclusions(&scenarios, &samples, &setup_differences, settings.seed),
+        expected: ExpectedMean::all(run, &quantity, &samples, settings),
         setup_differences,
         contrasts,
         replicates,
@@ -239,6 +243,13 @@ impl Report {
             .zip(environment(b))
             .map(|(a, b)| a.differences(b))
             .unwrap_or_default()
+    }
+
+    /// Whether a mean of this metric, or of another, is not what is expected of it.
+    #[must_use]
+    pub fn has_unexpected(&self) -> bool {
+        let is_missed = |it: &ExpectedMean| it.miss().is_some();
+        self.expected.iter().any(is_missed) || self.others.iter().any(Self::has_unexpected)
     }
 
     /// Whether some of the numbers were computed and not measured.

@@ -3,6 +3,7 @@
 use record::{
     experiment::{self, Compare},
     name::is_name,
+    report_settings::TRACKING_ERROR,
 };
 use serde::{Deserialize, Serialize};
 
@@ -65,7 +66,7 @@ impl Metric {
     #[must_use]
     pub fn name(&self) -> &str {
         match self {
-            Self::TrackingError => "error",
+            Self::TrackingError => TRACKING_ERROR,
             Self::StateAge => "state-age",
             Self::PacketDelay => "packet-delay",
             Self::Lateness => "lateness",

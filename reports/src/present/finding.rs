@@ -32,21 +32,55 @@ impl Report {
     /// and what would settle it; then what a reader should doubt. What could not be measured is never no difference.
     #[must_use]
     pub fn findings(&self) -> Vec<String> {
-        let mut sentences: Vec<String> = self.agreements.iter().map(agreement).collect();
+        let mut sentences: Vec<String> = self.not_as_expected().collect();
+        sentences.extend(self.agreements.iter().map(agreement));
         match self.contrasts.pairs.is_empty() {
-            true if sentences.is_empty() => sentences.push(self.nothing_to_compare()),
+            true if self.agreements.is_empty() => sentences.push(self.nothing_to_compare()),
             true => {}
             false => sentences.extend(self.of_pairs()),
         }
         for other in &self.others {
-            let first = other.findings().into_iter().next();
-            sentences.extend(first.map(|finding| format!("{}: {finding}", other.quantity.name)));
+            // All that is not as expected, and the first that was found.
+            let told = other.not_as_expected().count().max(1);
+            let told = other.findings().into_iter().take(told);
+            sentences.extend(told.map(|finding| format!("{}: {finding}", other.quantity.name)));
         }
         sentences.extend(self.suspect());
         if let Some(first) = sentences.first_mut().filter(|_| self.is_simulated()) {
             first.insert_str(0, "Simulated, not measured: ");
         }
         sentences
+    }
+
+    /// What the matrix file expects otherwise (`report.expect`), the first sentences of all.
+    fn not_as_expected(&self) -> impl Iterator<Item = String> {
+        let axes = Axes::of(&self.scenarios);
+        self.expected.iter().filter_map(move |it| {
+            let miss = it.miss()?;
+            let [bound, open] = match miss.is_below {
+                true => ["at least", "above"],
+                false => ["at most", "below"],
+            };
+            let quantity = &self.quantity;
+            let interval = it.mean.interval.map_or_else(String::new, |interval| {
+                format!(" [{}, {}]", quantity.digits(interval.low), quantity.digits(interval.high))
+            });
+            let sure = match miss.is_sure {
+                true => "",
+                false => ", and by the spread of its windows it may be ",
+            };
+            let open = if miss.is_sure { "" } else { open };
+            let scenario = self.scenarios.iter().find(|scenario| scenario.id == it.scenario);
+            let name = scenario.map(|scenario| axes.name(scenario)).filter(|name| !name.is_empty());
+            let name = name.map_or_else(String::new, |name| format!(" ({name})"));
+            Some(format!(
+                "Not as expected: the {} of {}{name} is {}{interval}, and {bound} {} is expected{sure}{open}.",
+                quantity.name,
+                it.scenario,
+                quantity.text(it.mean.value),
+                quantity.text(miss.limit),
+            ))
+        })
     }
 
     fn nothing_to_compare(&self) -> String {

@@ -8,6 +8,7 @@ mod causes;
 mod conclusions;
 mod contrasts;
 mod differences;
+mod expected;
 mod layers;
 mod other_ways;
 mod packets;
@@ -115,7 +116,8 @@ pub(crate) fn of_the_paper(report: &Report) -> Result<Vec<Table>, FrameError> {
 
 /// What stands beside them.
 pub(crate) fn beside(report: &Report) -> Vec<Table> {
-    let mut tables = Vec::from_iter(sweeps::of(report));
+    let mut tables = Vec::from_iter(expected::of(report));
+    tables.extend(sweeps::of(report));
     tables.extend(conclusions::of(report));
     tables.extend(replicates::of(report));
     tables.extend(contrasts::of(report));

@@ -78,7 +78,7 @@ pub struct Synthetic {
 }
 
 impl Synthetic {
-    /// Scenarios are named hardware-os-virtualization.
+    /// Scenarios are named hardware-os-virtualization, or hardware-os-node-virtualization.
     pub fn new(scenarios: &[Scenario]) -> Self {
         let folder = tempfile::tempdir().unwrap();
         let directory = RunDirectory::new(folder.path().join("2026-11-21"));
@@ -217,11 +217,14 @@ fn plan(scenarios: &[Scenario]) -> PlanRecord {
 }
 
 fn planned(id: String, scenario: &Scenario) -> PlannedScenario {
-    let values = scenario.slug.split('-').map(Value::from);
-    let axes = ["hardware", "os", "virtualization"]
-        .map(str::to_owned)
-        .into_iter()
-        .zip(values)
+    let values: Vec<&str> = scenario.slug.split('-').collect();
+    let names: &[&str] = match values.len() {
+        4 => &["hardware", "os", "node", "virtualization"],
+        _ => &["hardware", "os", "virtualization"],
+    };
+    let named = std::iter::zip(names, values);
+    let axes = named
+        .map(|(name, value)| ((*name).to_owned(), Value::from(value)))
         .collect();
     PlannedScenario {
         id,

@@ -215,6 +215,30 @@ fn what_is_no_scenario_of_the_paper_has_no_count_of_it_beside() {
 }
 
 #[test]
+fn a_node_that_is_odd_is_the_first_of_its_table_and_tested_against_all_others() {
+    let levels = [
+        ("i686-ubuntu-n1-native", [0.1, 0.1001, 0.0999, 0.1002]),
+        ("i686-ubuntu-n2-native", [0.1001, 0.1, 0.1002, 0.0999]),
+        ("i686-ubuntu-n3-native", [0.112, 0.1121, 0.1119, 0.112]),
+        ("i686-ubuntu-n4-native", [0.0998, 0.1001, 0.1, 0.1]),
+    ];
+    let scenarios = levels.map(|(slug, levels)| Scenario::measured(slug, &levels));
+    let report = report_of(&Synthetic::new(&scenarios));
+    let nodes: Vec<_> = report.conclusions.iter().filter(|it| it.axis == "node").collect();
+    assert!(nodes.iter().all(|it| it.first == "the other nodes"), "{nodes:?}");
+    let odd = nodes.iter().find(|it| it.second == "n3").unwrap();
+    // Twelve windows of the others and four of its own: C(16, 4) labellings, and one of them is as extreme.
+    assert_eq!((odd.test.labellings, odd.smallest_p), (1820, 1.0 / 1820.0));
+    assert!((odd.shift.value - 0.024).abs() < 0.001, "{odd:?}");
+    assert_eq!((odd.test.p, odd.p_holm), (1.0 / 1820.0, 4.0 / 1820.0));
+    let presented = report.present();
+    let table = presented.tables.iter().find(|it| it.id == "nodes").unwrap();
+    assert_eq!(table.rows[0][1], "n3");
+    assert_eq!(table.rows.len(), 4);
+    assert!(presented.tables.iter().all(|it| it.id != "conclusions"));
+}
+
+#[test]
 fn the_papers_two_conclusions_are_tests_of_their_own() {
     let report = report_of(&all_measured());
     let find = |first: &str, second: &str| {

@@ -517,6 +517,53 @@ fn what_the_cluster_does_not_have_is_told_before_anything_is_submitted() {
 }
 
 #[test]
+fn each_node_measures_every_scenario_and_a_mean_that_is_not_expected_ends_with_7() {
+    let cluster = Cluster::start();
+    let workplace = &cluster.workplace;
+    let file = matrix("constraint: x86_64, nodes: each", &windows(3, 3));
+    workplace.write(
+        "m.yaml",
+        format!("{file}report: {{expect: {{error: {{value: 1mm, above: 5%}}}}}}\n"),
+    );
+    let ran = workplace.run(&["run", "m.yaml"]);
+    assert_eq!(ran.code, Some(7), "{ran:?}");
+    assert!(
+        ran.out.contains("Not as expected: the error of a (n1) is"),
+        "{ran:?}"
+    );
+    let run = workplace.run_directory();
+    all_is_whole(&run, 2, 3);
+    for node in ["n1", "n2"] {
+        let slug = format!("x86-64-debian-12-native-node-{node}");
+        assert_eq!(facts(&run, &slug)["node"], node);
+    }
+    let report = fs::read(run.join("report/report.json")).unwrap();
+    let report: Value = serde_json::from_slice(&report).unwrap();
+    let nodes = &report["conclusions"][0];
+    assert_eq!(
+        (&nodes["axis"], &nodes["first"], &nodes["second"]),
+        (&"node".into(), &"n1".into(), &"n2".into())
+    );
+    // One that is out of service is left out and named; what no node is, is an error.
+    cluster.node("drain", "n2");
+    let planned = workplace.json(&["plan", "m.yaml"]);
+    cluster.node("undrain", "n2");
+    assert_eq!(scenarios(&planned).len(), 1, "{planned:#}");
+    assert!(
+        planned["warnings"].to_string().contains("node `n2` is drained"),
+        "{planned:#}"
+    );
+    workplace.write("m.yaml", matrix("nodes: each, constraint: cray", &windows(1, 3)));
+    let refused = workplace.run(&["plan", "m.yaml"]);
+    assert_eq!(refused.code, Some(2), "{refused:?}");
+    assert!(
+        refused.err.contains("Invalid feature specification"),
+        "{refused:?}"
+    );
+    nothing_is_left(&cluster);
+}
+
+#[test]
 fn a_shared_folder_that_is_full_is_told_and_what_was_whole_is_kept() {
     let cluster = Cluster::start();
     let workplace = &cluster.workplace;

@@ -6,6 +6,8 @@ use serde_json::Value;
 pub const HARDWARE: &str = "hardware";
 /// What a host runs, such as `debian-12`.
 pub const OS: &str = "os";
+/// Which node of a cluster, where each is a host of its own (`nodes: each`).
+pub const NODE: &str = "node";
 /// What stands between the workload and its host: the name of a provider.
 pub const VIRTUALIZATION: &str = "virtualization";
 /// The value of [`VIRTUALIZATION`] where nothing does.

@@ -1,18 +1,25 @@
 //! How the tables are made: the `report:` section of a matrix file. The main type is [`ReportSettings`].
 
 mod drawn;
+mod expected;
 
 use std::collections::BTreeMap;
 
 use serde::{Deserialize, Serialize};
 
-pub use self::drawn::{DrawnPair, DrawnScenario, NoWindow};
+pub use self::{
+    drawn::{DrawnPair, DrawnScenario, NoWindow},
+    expected::{Amount, Expectation, Expectations, HOST, Several, Tolerance},
+};
 use crate::{
     family::Family,
     quantity::Length,
     run_directory::{PeriodError, PlannedScenario},
     window::Impossible,
 };
+
+/// The name of the one metric of the ball on the plate, where metrics are named.
+pub const TRACKING_ERROR: &str = "error";
 
 /// How samples are taken and compared. Printed with every table.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
@@ -46,6 +53,10 @@ pub struct ReportSettings {
     /// A shift of the error that is smaller does not matter; a verdict says so.
     #[serde(alias = "matters", skip_serializing_if = "Option::is_none")]
     pub equivalence_margin: Option<Length>,
+    /// What metrics are expected to be, by their names, such as `error: {value: 120mm, below: 5%, above: 5%}`. A scenario whose mean
+    /// is beyond that ends `matrix run` and `matrix report` with exit code 7.
+    #[serde(skip_serializing_if = "BTreeMap::is_empty")]
+    pub expect: Expectations,
     /// Seed of the relabellings and resamples that are drawn where there are too many to look at each.
     #[serde(skip_serializing_if = "is_zero")]
     pub seed: u64,
@@ -84,6 +95,13 @@ impl ReportSettings {
         }
     }
 
+    /// What a metric is expected to be in a scenario, if anything is.
+    #[must_use]
+    pub fn expected(&self, metric: &str, scenario: &PlannedScenario) -> Option<&Expectation> {
+        let expected = self.expect.get(metric)?;
+        expected.0.iter().find(|it| it.is_of(scenario))
+    }
+
     /// Whether a scenario belongs to the baseline.
     #[must_use]
     pub fn is_baseline(&self, scenario: &PlannedScenario) -> bool {
@@ -111,6 +129,7 @@ impl Default for ReportSettings {
             figures: Vec::new(),
             family: Family::default(),
             equivalence_margin: None,
+            expect: Expectations::new(),
             seed: 0,
         }
     }

@@ -8,6 +8,8 @@ use crate::batch::{Forecast, Job, JobOwner};
 pub const JOBS: &str = "%i|%T|%r|%N|%n|%S|%j|%k";
 /// What `sinfo` is asked for of each partition.
 pub const LIMITS: &str = "%P|%l";
+/// What `sinfo` is asked for of each node.
+pub const NODES: &str = "%N|%P|%T";
 /// What is quoted of an answer.
 const MOST_QUOTED: usize = 300;
 
@@ -84,6 +86,44 @@ pub fn forecast(words: &str) -> Forecast {
         // A single node has no list's brackets.
         node: after(" on nodes ").filter(|node| !node.contains(['[', ','])),
     }
+}
+
+/// The nodes in service, and those that are not with their state, out of `sinfo`'s lines: of the partition that was named, or else of
+/// the default one, which has a star. `sbatch --test-only` says of a node out of service what it says of one that does not fit.
+pub fn nodes(said: &str, is_named: bool) -> (Vec<String>, Vec<(String, String)>) {
+    let mut in_service = Vec::new();
+    let mut out_of_service = Vec::new();
+    for line in said.lines() {
+        let [node, partition, state] = line.splitn(3, '|').collect::<Vec<_>>()[..] else {
+            continue;
+        };
+        if !is_named && !partition.trim().ends_with('*') {
+            continue;
+        }
+        // A star or another sign behind it says that the node does not answer, sleeps or is to be started anew.
+        let state = state.trim().trim_end_matches(|c: char| !c.is_ascii_alphabetic());
+        match OUT_OF_SERVICE.contains(&state) {
+            true => out_of_service.push((first_words(node), state.to_owned())),
+            false => in_service.push(first_words(node)),
+        }
+    }
+    (in_service, out_of_service)
+}
+
+/// The states of nodes that get no job before somebody has seen to them (sinfo(1), NODE STATE CODES).
+const OUT_OF_SERVICE: [&str; 7] = [
+    "down", "drained", "draining", "fail", "failing", "error", "unknown",
+];
+
+/// Whether a tool says that a job asks for something else than the node that it names.
+pub fn does_not_fit(words: &str) -> bool {
+    [
+        "Requested node configuration is not available",
+        // It is excluded.
+        "Invalid node name specified",
+    ]
+    .iter()
+    .any(|other| words.contains(other))
 }
 
 /// The longest time that a job may ask for in minutes, out of `sinfo`'s partitions: in the one that was named, or else in the default
@@ -229,6 +269,16 @@ mod tests {
             (job.id.as_str(), job.standing, job.reason, job.node.as_deref()),
             ("17", Standing::Runs, None, Some("n1"))
         );
+    }
+
+    #[test]
+    fn nodes_are_those_of_the_partition_and_the_ones_out_of_service_are_told_apart() {
+        let said = "n1|lab*|idle\nn1|brief|idle\nn2|lab*|down*\nn3|brief|idle\nn4|lab*|allocated$\nn5|lab*|drained\n\nodd";
+        let (in_service, out) = nodes(said, false);
+        assert_eq!(in_service, ["n1", "n4"]);
+        let out: Vec<_> = out.iter().map(|(node, state)| (&node[..], &state[..])).collect();
+        assert_eq!(out, [("n2", "down"), ("n5", "drained")]);
+        assert_eq!(nodes("n3|brief|idle~", true).0, ["n3"]);
     }
 
     /// The table of docs/clusters.md.

@@ -52,6 +52,16 @@ enum System {
 /// All that is wrong with the file.
 pub fn execute(arguments: &CiGenerateArguments, catalogue: Catalogue) -> Result<Exit, CommandError> {
     let plan = preparation::prepare_offline(&arguments.selection.request(&arguments.file), catalogue)?;
+    if let Some(host) = plan.unknown_nodes.first() {
+        return Err(CommandError {
+            what: format!(
+                "the scenarios of host `{host}` are not known before its cluster is asked for its nodes"
+            )
+            .into(),
+            hint: Some("write `nodes: one`, or a host with a `nodelist` for each node".to_owned()),
+            exit: Exit::Wrong,
+        });
+    }
     let mut call = format!("matrix run {}", escaping::pasted(&arguments.file));
     if let Some(profile) = &arguments.selection.profile {
         call.push_str(&format!(" --profile {}", escaping::pasted(profile.as_ref())));

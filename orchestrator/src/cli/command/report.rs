@@ -218,7 +218,10 @@ pub fn execute(arguments: &ReportArguments) -> Result<Exit, CommandError> {
             run.report_folder.join("report.html")
         )),
     }
-    Ok(Exit::Done)
+    Ok(match report.has_unexpected() {
+        true => Exit::NotAsExpected,
+        false => Exit::Done,
+    })
 }
 
 /// The run that is to be reported, put together where there are several, with the settings that it is to be reported by.
@@ -312,7 +315,7 @@ pub(super) fn word_of_the_format(error: &dyn Error) -> CommandError {
     CommandError::new(Exit::Wrong, error, Some(hint.to_owned()))
 }
 
-/// The report at the end of a run, with what there is; keeps the run's exit code.
+/// The report at the end of a run, with what there is; keeps the run's exit code unless that is success.
 ///
 /// # Errors
 /// When the report cannot be made.
@@ -321,7 +324,7 @@ pub fn after_run(
     exit: Exit,
     output: OutputArguments,
 ) -> Result<Exit, CommandError> {
-    execute(&ReportArguments {
+    let reported = execute(&ReportArguments {
         runs: vec![directory.path().to_owned()],
         output,
         ..ReportArguments::default()
@@ -332,7 +335,11 @@ pub fn after_run(
             terminal::print_note(&session::how_to_go_on(directory.path()));
         }
     }
-    Ok(exit)
+    // How the run itself ended says more.
+    Ok(match exit {
+        Exit::Done => reported,
+        exit => exit,
+    })
 }
 
 /// A run directory that cannot be read.

@@ -14,7 +14,7 @@ use tempfile::TempDir;
 
 use super::*;
 use crate::{
-    batch::{BatchSystem, Forecast},
+    batch::{BatchSystem, FittingNodes, Forecast},
     host::{Here, slurm::SlurmHost},
     provider::{Ended, News},
     state_directory::StateDirectory,
@@ -81,6 +81,13 @@ impl BatchSystem for FakeBatch {
         Ok(Forecast {
             start: None,
             node: node.map(str::to_owned),
+        })
+    }
+
+    async fn nodes(&self, _: &JobRequest) -> Result<FittingNodes, ProviderError> {
+        Ok(FittingNodes {
+            fit: ["n1", "n2"].map(str::to_owned).into(),
+            out_of_service: Vec::new(),
         })
     }
 

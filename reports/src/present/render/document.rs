@@ -81,7 +81,10 @@ pub struct ReportDocument<'a> {
     /// scenario.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub replicates: Option<ReplicatesEntry<'a>>,
-    /// Every two virtualizations over all platforms, and every two operating systems, as a stratified test.
+    /// What the metric is in the scenarios of which something is expected (`report.expect`); absent where nothing is.
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    pub expected: Vec<ExpectedEntry<'a>>,
+    /// Every two virtualizations over all platforms, every two operating systems, and each node with the others, as a stratified test.
     pub conclusions: Vec<ConclusionEntry<'a>>,
     /// What became of the packets, for each scenario with captures.
     pub packets: Vec<ScenarioPackets<'a>>,
@@ -618,13 +621,35 @@ pub struct DifferenceEntry {
     pub b: Option<String>,
 }
 
+/// What is expected of a scenario, beside what it is.
+#[derive(Serialize)]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
+pub struct ExpectedEntry<'a> {
+    /// Letter of the scenario.
+    pub scenario: &'a str,
+    /// What is expected.
+    pub value: f64,
+    /// The smallest mean that is as expected; null where there is no limit.
+    pub low: Option<f64>,
+    /// The largest.
+    pub high: Option<f64>,
+    /// Windows that count.
+    pub windows: usize,
+    /// The mean of their means, with an interval of 95 % over windows.
+    pub mean: EstimateEntry,
+    /// Whether the mean is within the limits.
+    pub as_expected: bool,
+    /// Whether the interval, too, lies on that side of the limits.
+    pub sure: bool,
+}
+
 /// Two values of an axis, compared over all platforms that have both.
 #[derive(Serialize)]
 #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 pub struct ConclusionEntry<'a> {
-    /// `virtualization` or `os`.
+    /// `virtualization`, `os` or `node`.
     pub axis: &'static str,
-    /// The first value.
+    /// The first value; for a node where there are several others, `the other nodes`.
     pub first: &'a str,
     /// The second value.
     pub second: &'a str,

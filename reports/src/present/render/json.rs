@@ -2,14 +2,14 @@
 //! CHANGELOG.md lists any field that is renamed or taken away.
 
 use captures::traffic::{DirectionTraffic, ScenarioTraffic, Spread};
-use statistics::effect::{Effect, Estimate};
+use statistics::effect::{Effect, Estimate, Interval};
 
 use super::document::{
     AgreementEntry, BlocksEntry, BrokenEntry, CallsEntry, ComparisonList, ConclusionEntry, ContrastEntry,
-    CountBetween, CountWithin, CutWindow, DifferenceEntry, EffectEntry, EstimateEntry, FamilyEntry,
-    GroupEntry, HealthEntry, IntervalEntry, MaxTEntry, PartingEntry, PeriodsEntry, QuantityEntry,
-    ReportDocument, RunEntry, ScenarioEntry, SerialEntry, ShapeEntry, UnlikePair, Unmeasured, UnseenEntry,
-    UnsteadyWindow, WindowEntry, WithinEntry,
+    CountBetween, CountWithin, CutWindow, DifferenceEntry, EffectEntry, EstimateEntry, ExpectedEntry,
+    FamilyEntry, GroupEntry, HealthEntry, IntervalEntry, MaxTEntry, PartingEntry, PeriodsEntry,
+    QuantityEntry, ReportDocument, RunEntry, ScenarioEntry, SerialEntry, ShapeEntry, UnlikePair, Unmeasured,
+    UnseenEntry, UnsteadyWindow, WindowEntry, WithinEntry,
     packets::{
         DirectionPackets, FactorEntry, PacketCount, PacketExplanation, ScenarioPackets, SpreadEntry,
         UnreadableCapture, WindowPackets,
@@ -21,6 +21,7 @@ use crate::{
         agreement::{Agreement, Parting},
         conclusion::Conclusion,
         contrast::Contrast,
+        expectation::ExpectedMean,
         health::Health,
         measured_experiment::MeasuredExperiment,
         packet_counts::TrafficTally,
@@ -106,6 +107,7 @@ pub(super) fn document<'a>(page: &'a Presentation<'a>) -> ReportDocument<'a> {
             .map(|pair| contrast(report, pair))
             .collect(),
         replicates: report.replicates.as_ref().map(ReplicatesEntry::of),
+        expected: report.expected.iter().map(expected).collect(),
         conclusions: report.conclusions.iter().map(conclusion).collect(),
         packets: report.traffic.scenarios.iter().map(packets).collect(),
         packet_counts: report.traffic_tallies.iter().flat_map(packet_counts).collect(),
@@ -308,6 +310,23 @@ fn contrast<'a>(report: &'a Report, pair: &'a Contrast) -> ContrastEntry<'a> {
         unlike: report.setup_differences(&pair.a, &pair.b),
         effect: effect(&pair.effect),
         differences: differences.collect(),
+    }
+}
+
+fn expected(it: &ExpectedMean) -> ExpectedEntry<'_> {
+    let miss = it.miss();
+    let is_within = |interval: Interval| {
+        it.low.is_none_or(|low| low <= interval.low) && it.high.is_none_or(|high| interval.high <= high)
+    };
+    ExpectedEntry {
+        scenario: &it.scenario,
+        value: it.value,
+        low: it.low,
+        high: it.high,
+        windows: it.windows,
+        mean: estimate(&it.mean),
+        as_expected: miss.is_none(),
+        sure: miss.map_or_else(|| it.mean.interval.is_some_and(is_within), |miss| miss.is_sure),
     }
 }
 

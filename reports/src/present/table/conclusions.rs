@@ -1,6 +1,7 @@
-//! The paper's two conclusions: virtualizations over all platforms, and operating systems over all virtualizations.
+//! The paper's two conclusions: virtualizations over all platforms, and operating systems over all virtualizations; and each node of
+//! a cluster with the others.
 
-use record::axis::VIRTUALIZATION;
+use record::axis::{NODE, VIRTUALIZATION};
 use statistics::relabelling::Coverage;
 
 use super::{
@@ -13,10 +14,23 @@ use crate::analysis::{
     report::Report,
 };
 
-/// The table; none where no two values have windows in a stratum in common.
-pub(super) fn of(report: &Report) -> Option<Table> {
-    let conclusions = &report.conclusions;
-    let row = |one: &Conclusion| {
+/// The tables; none where no two values have windows in a stratum in common.
+pub(super) fn of(report: &Report) -> Vec<Table> {
+    let (mut nodes, others): (Vec<_>, Vec<_>) = report.conclusions.iter().partition(|it| it.axis == NODE);
+    // The oddest first: nobody looks for it among a hundred.
+    nodes.sort_by(|a, b| b.shift.value.abs().total_cmp(&a.shift.value.abs()));
+    let by_value = table(
+        report,
+        "conclusions",
+        "By virtualization, and by operating system",
+        &others,
+    );
+    let by_node = table(report, "nodes", "Each node against the others", &nodes);
+    by_value.into_iter().chain(by_node).collect()
+}
+
+fn table(report: &Report, id: &str, title: &str, conclusions: &[&Conclusion]) -> Option<Table> {
+    let row = |one: &&Conclusion| {
         let windows = |of: fn(&Stratum) -> usize| one.strata.iter().map(of).sum::<usize>();
         vec![
             one.first.clone(),
@@ -28,8 +42,8 @@ pub(super) fn of(report: &Report) -> Option<Table> {
         ]
     };
     (!conclusions.is_empty()).then(|| Table {
-        id: "conclusions".to_owned(),
-        title: "By virtualization, and by operating system".to_owned(),
+        id: id.to_owned(),
+        title: title.to_owned(),
         columns: texts(&[
             ("", false),
             ("", false),
@@ -39,11 +53,11 @@ pub(super) fn of(report: &Report) -> Option<Table> {
             (&report.quantity.heading("shift"), true),
         ]),
         rows: conclusions.iter().map(row).collect(),
-        notes: notes(report),
+        notes: notes(report, conclusions),
     })
 }
 
-fn notes(report: &Report) -> Vec<String> {
+fn notes(report: &Report, conclusions: &[&Conclusion]) -> Vec<String> {
     let mut notes = vec![
         "Hypothesis: within a stratum it makes no difference which of the two a window was measured under. The windows of each \
          stratum are permuted between the two, and p is the share of the labellings whose weighted mean shift is at least as large, \
@@ -56,14 +70,14 @@ fn notes(report: &Report) -> Vec<String> {
          the platforms. To tell them apart, run each platform on several machines, or the run several times."
             .to_owned(),
     ];
-    let drawn = |one: &&Conclusion| one.test.coverage == Coverage::MonteCarlo;
-    if let Some(one) = report.conclusions.iter().find(drawn) {
+    let drawn = |one: &&&Conclusion| one.test.coverage == Coverage::MonteCarlo;
+    if let Some(one) = conclusions.iter().find(drawn) {
         notes.push(format!(
             "Where there are too many labellings, {} were looked at (monte-carlo, seed {}), and p is (b + 1) / (B + 1).",
             one.test.labellings, report.settings.seed
         ));
     }
-    notes.extend(report.conclusions.iter().map(strata));
+    notes.extend(conclusions.iter().map(|one| strata(one)));
     notes
 }
 

@@ -112,6 +112,8 @@ pub enum Nodes {
     One,
     /// Whichever is free first.
     Any,
+    /// Every one, as a host of its own: each scenario is measured on each node, which is a value of the axis `node`.
+    Each,
 }
 
 /// The machine on which a cluster's commands are called: this one, or one over SSH.
@@ -320,7 +322,7 @@ mod tests {
     #[case(json!({"slurm": {}, "identity": "key"}), "slurm.submit")]
     #[case(json!({"slurm": {}, "ssh": "me@login"}), "in one way")]
     #[case(json!({"identity": "key"}), "missing field `ssh`")]
-    #[case(json!({"slurm": {"nodes": "all"}}), "one")]
+    #[case(json!({"slurm": {"nodes": "all"}}), "`each`")]
     fn what_cannot_be_meant_is_refused_with_what_to_write(#[case] written: Value, #[case] says: &str) {
         let error = read(written).unwrap_err();
         assert!(error.contains(says), "{error}");

@@ -19,6 +19,8 @@ pub enum Exit {
     InvalidMeasurement,
     /// The newest night was not measured, or those before it are too few.
     TooLittleData,
+    /// What was measured is not what the matrix file expects.
+    NotAsExpected,
     /// Asked to stop; `matrix resume` goes on.
     Interrupted,
 }
@@ -35,6 +37,7 @@ impl Exit {
             Self::Drift => 4,
             Self::InvalidMeasurement => 5,
             Self::TooLittleData => 6,
+            Self::NotAsExpected => 7,
             // 128 + SIGINT, as a shell would report it.
             Self::Interrupted => 130,
         }
