@@ -61,3 +61,38 @@ fn the_jobs_of_a_workflow_have_the_same_scripts() {
     assert_eq!(scripts("gitlab").len(), 2);
     assert_eq!(scripts("gitlab"), scripts("github"));
 }
+
+#[test]
+fn a_mean_that_the_file_does_not_expect_fails_the_first_night_and_is_its_first_sentence() {
+    let workplace = Workplace::new();
+    let with = |limit: &str| {
+        format!("{FAKE}report: {{expect: {{error: {{value: {limit}, below: 5%, above: 5%}}}}}}\n")
+    };
+    workplace.write("m.yaml", with("1mm"));
+    let ran = workplace.run(&["run", "m.yaml", "--quiet"]);
+    assert_eq!(ran.code, Some(7), "{ran:?}");
+    let told = ran.out.replace('\n', " ");
+    assert!(
+        told.starts_with("Simulated, not measured: Not as expected: the error of a (place here) is"),
+        "{told}"
+    );
+    assert!(told.contains("and at most 1.05 mm is expected."), "{told}");
+    let report = workplace.run(&["report", "latest", "--json"]);
+    assert_eq!(report.code, Some(7), "{report:?}");
+    let report: serde_json::Value = serde_json::from_str(&report.out).unwrap();
+    let a = &report["expected"][0];
+    assert_eq!(
+        (&a["scenario"], &a["as_expected"]),
+        (&"a".into(), &false.into()),
+        "{a:#}"
+    );
+    // What it is, is as expected; a run that failed says so and not this.
+    let mean_mm = a["mean"]["value"].as_f64().unwrap() * 1e3;
+    workplace.write("m.yaml", with(&format!("{mean_mm:.3}mm")));
+    assert_eq!(workplace.run(&["run", "m.yaml", "--quiet"]).code, Some(0));
+    let slug = &report["scenarios"][0]["slug"];
+    let failing =
+        format!("providers: {{fake: {{scenarios: {{{slug}: {{fail: {{at: measure, window: 3}}}}}}}}}}\n");
+    workplace.write("m.yaml", format!("{}{failing}", with("1mm")));
+    assert_eq!(workplace.run(&["run", "m.yaml", "--quiet"]).code, Some(1));
+}

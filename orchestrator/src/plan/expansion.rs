@@ -466,8 +466,10 @@ impl<'a> Expansion<'a> {
             if value_of(&axes, VIRTUALIZATION).is_none() {
                 axes.push((VIRTUALIZATION.to_owned(), AxisValue::word(NATIVE)));
             }
-            // Last, wherever an include names it: a cluster's nodes are the fastest axis.
-            axes.sort_by_key(|(axis, _)| axis == NODE);
+            if self.offers.iter().any(|offer| offer.node.is_some()) {
+                // Last, wherever an include names it: a cluster's nodes are the fastest axis.
+                axes.sort_by_key(|(axis, _)| axis == NODE);
+            }
             let mut identity: Vec<_> = axes
                 .iter()
                 .map(|(axis, value)| (axis.clone(), value.text.clone()))

@@ -777,3 +777,46 @@ fn without_asking_a_cluster_its_nodes_are_one_host_and_names_of_nodes_are_left_o
         "{told}"
     );
 }
+
+#[rstest]
+#[case("latency: {value: 1, above: 5%}", "there is no metric `latency`", "`error`")]
+#[case("error: {value: 120, above: 5%}", "`120` has no unit", "`120mm`")]
+#[case("error: {value: 120mm, above: 3}", "`3` has no unit", "`3mm`")]
+#[case("error: {value: 120mm}", "bounds nothing", "add `above: 5%`")]
+#[case(
+    "error: [{for: {os: debian}, value: 120mm, above: 5%}]",
+    "no scenario has `os: debian`",
+    "host"
+)]
+#[case(
+    "error: [{for: {host: lab}, value: 120mm, above: 5%}]",
+    "no scenario has `host: lab`",
+    "host"
+)]
+fn what_cannot_be_expected_of_a_scenario_is_an_error_with_what_to_write(
+    #[case] expected: &str,
+    #[case] says: &str,
+    #[case] help: &str,
+) {
+    let text = format!("matrix: {{virtualization: [native]}}\nreport:\n  expect:\n    {expected}\n");
+    let told = planned(&text).unwrap_err().to_string();
+    assert!(told.contains(says) && told.contains(help), "{told}");
+    assert!(told.contains("matrix.yaml:4:"), "{told}");
+}
+
+#[test]
+fn a_metric_of_a_command_is_expected_in_its_own_unit() {
+    let with = |expected: &str| {
+        planned(&format!(
+            "matrix: {{virtualization: [native]}}\nexperiment:\n  name: reach\n  run: [\"true\"]\n  metrics:\n  - {{name: reach, unit: s, \
+             from: reach.csv}}\n  - {{name: state, from: state.txt, compare: identical}}\nreport: {{expect: {{{expected}}}}}\n"
+        ))
+    };
+    assert!(with("reach: {value: 3, below: 10%, above: 0.5}").is_ok());
+    let told = with("reach: {value: 3mm, above: 5%}").unwrap_err().to_string();
+    assert!(told.contains("a unit of its own"), "{told}");
+    let told = with("state: {value: 3, above: 5%}").unwrap_err().to_string();
+    assert!(told.contains("byte for byte"), "{told}");
+    let told = with("error: {value: 3mm, above: 5%}").unwrap_err().to_string();
+    assert!(told.contains("there is no metric `error`"), "{told}");
+}

@@ -5,7 +5,13 @@ use std::collections::BTreeSet;
 use statistics::{effect::Interval, power::fewest_windows, replicates::fewest_rounds};
 
 use crate::{
-    analysis::{agreement::Agreement, contrast::Verdict, report::Report, scenario::Standing},
+    analysis::{
+        agreement::Agreement,
+        contrast::Verdict,
+        expectation::{ExpectedMean, Miss},
+        report::Report,
+        scenario::Standing,
+    },
     present::{
         axes::Axes,
         forest::{Shift, percent, simultaneous_confidence, unit},
@@ -32,7 +38,7 @@ impl Report {
     /// and what would settle it; then what a reader should doubt. What could not be measured is never no difference.
     #[must_use]
     pub fn findings(&self) -> Vec<String> {
-        let mut sentences: Vec<String> = self.not_as_expected().collect();
+        let mut sentences = self.not_as_expected();
         sentences.extend(self.agreements.iter().map(agreement));
         match self.contrasts.pairs.is_empty() {
             true if self.agreements.is_empty() => sentences.push(self.nothing_to_compare()),
@@ -41,7 +47,7 @@ impl Report {
         }
         for other in &self.others {
             // All that is not as expected, and the first that was found.
-            let told = other.not_as_expected().count().max(1);
+            let told = other.not_as_expected().len().max(1);
             let told = other.findings().into_iter().take(told);
             sentences.extend(told.map(|finding| format!("{}: {finding}", other.quantity.name)));
         }
@@ -53,34 +59,53 @@ impl Report {
     }
 
     /// What the matrix file expects otherwise (`report.expect`), the first sentences of all.
-    fn not_as_expected(&self) -> impl Iterator<Item = String> {
+    fn not_as_expected(&self) -> Vec<String> {
         let axes = Axes::of(&self.scenarios);
-        self.expected.iter().filter_map(move |it| {
-            let miss = it.miss()?;
-            let [bound, open] = match miss.is_below {
-                true => ["at least", "above"],
-                false => ["at most", "below"],
-            };
-            let quantity = &self.quantity;
-            let interval = it.mean.interval.map_or_else(String::new, |interval| {
-                format!(" [{}, {}]", quantity.digits(interval.low), quantity.digits(interval.high))
-            });
-            let sure = match miss.is_sure {
-                true => "",
-                false => ", and by the spread of its windows it may be ",
-            };
-            let open = if miss.is_sure { "" } else { open };
-            let scenario = self.scenarios.iter().find(|scenario| scenario.id == it.scenario);
-            let name = scenario.map(|scenario| axes.name(scenario)).filter(|name| !name.is_empty());
-            let name = name.map_or_else(String::new, |name| format!(" ({name})"));
-            Some(format!(
-                "Not as expected: the {} of {}{name} is {}{interval}, and {bound} {} is expected{sure}{open}.",
-                quantity.name,
-                it.scenario,
-                quantity.text(it.mean.value),
-                quantity.text(miss.limit),
-            ))
-        })
+        let misses: Vec<_> = self
+            .expected
+            .iter()
+            .filter_map(|it| Some((it, it.miss()?)))
+            .collect();
+        let named = misses.iter().take(MOST_NAMED);
+        let mut sentences: Vec<String> = named.map(|(it, miss)| self.miss(&axes, it, *miss)).collect();
+        sentences.extend(match misses.len().saturating_sub(MOST_NAMED) {
+            0 => None,
+            1 => Some("1 further mean is not as expected.".to_owned()),
+            many => Some(format!("{many} further means are not as expected.")),
+        });
+        sentences
+    }
+
+    fn miss(&self, axes: &Axes, mean: &ExpectedMean, miss: Miss) -> String {
+        let quantity = &self.quantity;
+        let bound = if miss.is_below { "at least" } else { "at most" };
+        let interval = mean.mean.interval.map_or_else(String::new, |interval| {
+            format!(
+                " [{}, {}]",
+                quantity.digits(interval.low),
+                quantity.digits(interval.high)
+            )
+        });
+        let open = match miss.is_sure {
+            true => "",
+            false => ", which the spread of its windows leaves open",
+        };
+        let name = self.named(axes, &mean.scenario);
+        format!(
+            "Not as expected: the {} of {name} is {}{interval}, and {bound} {} is expected{open}.",
+            quantity.name,
+            quantity.text(mean.mean.value),
+            quantity.text(miss.limit),
+        )
+    }
+
+    /// A scenario's letter, with its name where it has one.
+    fn named(&self, axes: &Axes, letter: &str) -> String {
+        let scenario = self.scenarios.iter().find(|scenario| scenario.id == letter);
+        match scenario.map(|scenario| axes.name(scenario)).unwrap_or_default() {
+            nothing if nothing.is_empty() => letter.to_owned(),
+            name => format!("{letter} ({name})"),
+        }
     }
 
     fn nothing_to_compare(&self) -> String {
@@ -172,13 +197,7 @@ impl Report {
 
     /// How large the difference of a pair is, and how sure that is.
     fn difference(&self, axes: &Axes, pair: &Shift) -> String {
-        let name = |letter: &str| {
-            let scenario = self.scenarios.iter().find(|scenario| scenario.id == letter);
-            match scenario.map(|scenario| axes.name(scenario)).unwrap_or_default() {
-                nothing if nothing.is_empty() => letter.to_owned(),
-                name => format!("{letter} ({name})"),
-            }
-        };
+        let name = |letter: &str| self.named(axes, letter);
         let (shift, quantity) = (pair.shift.value, &self.quantity);
         // From the first to the second, or turned round: "smaller by" has a positive number after it.
         let (sign, size) = match shift {

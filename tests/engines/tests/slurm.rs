@@ -528,7 +528,7 @@ fn each_node_measures_every_scenario_and_a_mean_that_is_not_expected_ends_with_7
     let ran = workplace.run(&["run", "m.yaml"]);
     assert_eq!(ran.code, Some(7), "{ran:?}");
     assert!(
-        ran.out.contains("Not as expected: the error of a (n1) is"),
+        ran.out.contains("Not as expected: the error of a (node n1) is"),
         "{ran:?}"
     );
     let run = workplace.run_directory();
