@@ -434,10 +434,58 @@ fn ctrl_c_and_clean_leave_no_job() {
     nothing_is_left(&cluster);
 }
 
+/// What the tables are made of.
+fn tables(run: &Path) -> Vec<Value> {
+    let report = fs::read(run.join("report/report.json")).expect("there is a report");
+    let report: Value = serde_json::from_slice(&report).expect("it is JSON");
+    ["within", "between", "contrasts", "replicates"]
+        .map(|part| report[part].clone())
+        .into()
+}
+
 #[test]
-fn windows_that_no_job_may_measure_in_one_go_are_divided_among_jobs() {
+fn after_a_power_cut_the_tables_are_those_of_an_undisturbed_run_with_the_same_seed() {
     let cluster = Cluster::start();
     let workplace = &cluster.workplace;
+    // Computed windows are the same whenever and wherever they are computed, so that nothing but the cut can make a difference. Each has
+    // an environment of its own, since the first window of one begins at rest.
+    let computed = |connect: &str| {
+        format!(
+            "hosts: {{lab: {{hardware: x86_64, os: debian-12, connect: {connect}}}}}\nmatrix: {{virtualization: [simulated], \
+             reference.amplitude_m: [0.03, 0.05]}}\nworkload: {{windows: 1, environments: 2, window: 3000s, period: 10s}}\n"
+        )
+    };
+    let slurm = format!("{{slurm: {{{QUICK}, constraint: x86_64}}}}");
+    workplace.write("cut.yaml", computed(&slurm));
+    workplace.write("undisturbed.yaml", computed("local"));
+    let running = workplace.start(&["run", "cut.yaml", "--out", "cut"]);
+    let is_running = || cluster.jobs().iter().any(|[_, state, ..]| state == "RUNNING");
+    cluster.until("a job runs", is_running);
+    cluster.node("off", &cluster.running_on());
+    let ran = running.end();
+    done(&ran);
+    assert!(ran.err.contains("NODE_FAIL"), "nothing was cut: {ran:?}");
+    done(&workplace.run(&["run", "undisturbed.yaml", "--out", "undisturbed"]));
+    let [cut, undisturbed] = ["cut", "undisturbed"].map(|out| {
+        let mut runs = fs::read_dir(workplace.path().join(out)).unwrap();
+        runs.next().unwrap().unwrap().path()
+    });
+    all_is_whole(&cut, 2, 2);
+    assert_eq!(tables(&cut), tables(&undisturbed));
+    assert!(tables(&cut).iter().all(|table| !table.is_null()));
+    nothing_is_left(&cluster);
+}
+
+#[test]
+fn windows_that_no_job_may_measure_in_one_go_are_divided_and_a_job_whose_time_is_over_keeps_what_is_whole() {
+    let cluster = Cluster::start();
+    let workplace = &cluster.workplace;
+    // One that asked for time enough, of which it is given less: Slurm looks at times every half a minute.
+    workplace.write("over.yaml", matrix("constraint: x86_64", &windows(4, 25)));
+    let mut over = workplace.start(&["run", "over.yaml", "--out", "over"]);
+    over.wait_for("measuring window 1");
+    let [number, ..] = &cluster.jobs()[0];
+    let _ = cluster.slurm(&["scontrol", "update", &format!("jobid={number}"), "timelimit=1"]);
     // 45 s of the minute are for windows: one of 23 s with what is between them.
     workplace.write(
         "m.yaml",
@@ -457,6 +505,16 @@ fn windows_that_no_job_may_measure_in_one_go_are_divided_among_jobs() {
     let run = workplace.run_directory();
     all_is_whole(&run, 1, 2);
     assert_eq!(journaled(&run, "environment-created").len(), 2);
+    let ran = over.end();
+    assert_eq!(ran.code, Some(3), "{ran:?}");
+    assert!(ran.err.contains("TIMEOUT"), "{ran:?}");
+    let whole = (1..=4)
+        .filter(|window| ran.err.contains(&format!("window {window} collected")))
+        .count();
+    assert!(
+        (1..4).contains(&whole),
+        "{whole} windows of the job whose time was over: {ran:?}"
+    );
     nothing_is_left(&cluster);
 }
 
