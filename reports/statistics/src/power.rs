@@ -77,8 +77,11 @@ const SUMS_FOR_T: f64 = 16_777_216.0;
 const MOST_FOR_T: f64 = 400.0;
 /// Rounds up to which each made-up experiment is tested exactly.
 const EXACT_ROUNDS: usize = 12;
-/// Made-up experiments whose t is looked for, where there are more.
-const ROUNDS_FOR_T: u64 = 100;
+/// Made-up experiments whose t is looked for, where there are more: by their sums together, and by their number. t differs less from
+/// one to another where rounds are many.
+const SUMS_OF_ROUNDS: f64 = 1_048_576.0;
+const LEAST_FOR_T: f64 = 20.0;
+const MOST_ROUNDS_FOR_T: f64 = 100.0;
 /// In standard deviations of levels.
 const PRECISION: f64 = 1e-3;
 const SEED: u64 = 16;
@@ -113,7 +116,7 @@ impl Power {
         };
         let critical = |differences: &[f64]| {
             let rounds = Rounds::of(differences.iter().map(|it| (Some(0.0), Some(*it))))?;
-            rounds.critical_shift(alpha, effort)
+            rounds.critical_shift(alpha, effort, PRECISION / 10.0)
         };
         if rounds <= EXACT_ROUNDS {
             return Some(Self::made_up(repeats, levels, |noise| critical(&made_up(noise))));
@@ -123,7 +126,9 @@ impl Power {
             let differences = made_up(&mut Noise::new(SEED + experiment));
             Some((effect::level(&differences)? + critical(&differences)?) / error_of_mean(&differences)?)
         };
-        let found: Vec<f64> = (0..ROUNDS_FOR_T).into_par_iter().filter_map(t).collect();
+        let sums = 2.0_f64.powi(i32::try_from(rounds.div_ceil(2)).unwrap_or(i32::MAX));
+        let experiments = (SUMS_OF_ROUNDS / sums).clamp(LEAST_FOR_T, MOST_ROUNDS_FOR_T) as u64;
+        let found: Vec<f64> = (0..experiments).into_par_iter().filter_map(t).collect();
         let t = effect::level(&found)?;
         Some(Self::made_up(repeats, levels, |noise| {
             let differences = made_up(noise);

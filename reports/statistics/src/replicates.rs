@@ -100,8 +100,8 @@ impl Rounds {
         // The tie that rounding makes of 0.05 · 40 / 2 must not cost a part.
         let outside = ((1.0 - confidence) * parts / 2.0 + 1e-9).floor().max(1.0);
         Some(Interval {
-            low: means.smallest(outside)?,
-            high: -SubsetMeans::of(&self.mirrored(), effort).smallest(outside)?,
+            low: means.smallest(outside, TIE)?,
+            high: -SubsetMeans::of(&self.mirrored(), effort).smallest(outside, TIE)?,
             confidence: 1.0 - 2.0 * outside / parts,
         })
     }
@@ -112,11 +112,11 @@ impl Rounds {
     /// rest. So p is twice the share of subsets, the empty one among them, whose mean is at most 0; and with a shift δ added to all,
     /// of those whose mean was at most −δ.
     #[must_use]
-    pub fn critical_shift(&self, alpha: f64, effort: Effort) -> Option<f64> {
+    pub fn critical_shift(&self, alpha: f64, effort: Effort, precision: f64) -> Option<f64> {
         let means = SubsetMeans::of(self, effort);
         // p < alpha, and not p = alpha. The empty subset is always one of them.
         let others = (alpha * means.parts() / 2.0).ceil() - 1.0;
-        Some(-means.smallest(others)?)
+        Some(-means.smallest(others, precision)?)
     }
 
     /// From the second to the first.
@@ -196,8 +196,9 @@ impl<'a> SubsetMeans<'a> {
         }
     }
 
-    /// The one at a place in ascending order, from 1; none where there is none.
-    fn smallest(self, place: f64) -> Option<f64> {
+    /// The one at a place in ascending order, from 1; none where there is none. Where they are counted, it is within `precision` of the
+    /// range of the differences.
+    fn smallest(self, place: f64, precision: f64) -> Option<f64> {
         if place < 1.0 || place > self.parts() - 1.0 {
             return None;
         }
@@ -210,7 +211,7 @@ impl<'a> SubsetMeans<'a> {
                 let differences = &rounds.0;
                 let mut low = differences.iter().copied().fold(f64::INFINITY, f64::min);
                 let mut high = differences.iter().copied().fold(f64::NEG_INFINITY, f64::max);
-                let precision = TIE * (high - low);
+                let precision = precision * (high - low);
                 while high - low > precision {
                     let middle = f64::midpoint(low, high);
                     if middle <= low || middle >= high {
@@ -344,7 +345,7 @@ mod tests {
         let mut noise = crate::noise_model::Noise::new(7);
         for _ in 0..40 {
             let differences: Vec<f64> = (0..count).map(|_| noise.normal()).collect();
-            let critical = rounds(&differences).critical_shift(alpha, EFFORT).unwrap();
+            let critical = rounds(&differences).critical_shift(alpha, EFFORT, TIE).unwrap();
             let p = |shift: f64| {
                 let shifted: Vec<f64> = differences.iter().map(|it| it + shift).collect();
                 rounds(&shifted).test(EFFORT).p
@@ -357,8 +358,8 @@ mod tests {
 
     #[test]
     fn too_few_rounds_find_no_shift() {
-        assert_eq!(rounds(&[1.0; 5]).critical_shift(0.05, EFFORT), None);
-        assert_eq!(rounds(&[1.0; 6]).critical_shift(0.05, EFFORT), Some(-1.0));
+        assert_eq!(rounds(&[1.0; 5]).critical_shift(0.05, EFFORT, TIE), None);
+        assert_eq!(rounds(&[1.0; 6]).critical_shift(0.05, EFFORT, TIE), Some(-1.0));
     }
 
     #[test]
