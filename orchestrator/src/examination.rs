@@ -4,7 +4,9 @@ use std::{path::Path, sync::Arc};
 
 use record::{
     axis::NATIVE,
-    check::{Check, CheckRecord},
+    check::Check,
+    identity::HostIdentity,
+    platform::PlatformRecord,
     run_directory::PlannedScenario,
     settings::{Need, Settings},
 };
@@ -12,14 +14,14 @@ use record::{
 use crate::{
     batch::Clusters,
     disk_space,
-    host::{Here, Host},
+    host::{Here, Host, SlurmNodes},
     matrix_file::{MatrixFile, THIS_MACHINE},
     plan::{self, HostFacts, Selection, order::Order},
     preparation::PreparationError,
     provider::{
         Availability, Catalogue, ProviderError, ProviderSettings, Providers,
         detached::{AgentClient, ClockReading},
-        jobs::Jobs,
+        jobs::{Jobs, ProbedNode},
     },
     state_directory::StateDirectory,
     survey,
@@ -113,15 +115,26 @@ pub async fn of_hosts(
     Ok(answers)
 }
 
-/// What the experiment needs, asked where it would be measured.
-async fn checks(host: &Arc<dyn Host>, probing: Probing) -> Result<CheckRecord, ProviderError> {
+/// What the experiment needs, asked where it would be measured. What a job sees of its node goes to `facts`.
+async fn checks(
+    host: &Arc<dyn Host>,
+    probing: Probing,
+    facts: &mut HostFacts,
+) -> Result<Vec<Check>, ProviderError> {
     let defaults = Need::of_the_network(&Settings::default());
     match (host.nodes(), probing) {
-        (None, _) => AgentClient::new(Arc::clone(host)).check(&defaults).await,
+        (None, _) => {
+            let record = AgentClient::new(Arc::clone(host)).check(&defaults).await?;
+            Ok(record.checks)
+        }
         (Some(nodes), Probing::SubmitsJobs) => {
-            Jobs::new(NATIVE, host, nodes, &Clusters::default())
-                .probe(&defaults)
-                .await
+            let jobs = Jobs::new(NATIVE, host, nodes, &Clusters::default());
+            let ProbedNode { mut checks, host: node } = jobs.probe(&defaults).await?;
+            checks.push(as_said(host.name(), nodes, &node.platform));
+            facts.hardware = node.platform.machine;
+            facts.os = node.platform.os;
+            facts.kernel = node.platform.kernel;
+            Ok(checks)
         }
         (Some(_), Probing::SubmitsNothing) => Err(ProviderError::Unsupported {
             provider: format!("host `{}`", host.name()),
@@ -131,10 +144,28 @@ async fn checks(host: &Arc<dyn Host>, probing: Probing) -> Result<CheckRecord, P
     }
 }
 
+/// Whether a node is what the file says of it.
+fn as_said(host: &str, nodes: &SlurmNodes, node: &PlatformRecord) -> Check {
+    let identity = HostIdentity {
+        host,
+        hardware: Some(&nodes.hardware),
+        os: Some(&nodes.os),
+    };
+    let mismatch = identity.contradiction(&node.machine, &node.os);
+    let (reason, fix) = mismatch.map(|it| (it.reason, it.fix)).unzip();
+    Check {
+        name: "hardware-and-os".to_owned(),
+        required: true,
+        available: reason.is_none(),
+        reason,
+        fix,
+    }
+}
+
 async fn ask(host: &Arc<dyn Host>, providers: &Providers, probing: Probing) -> Examination {
     let name = host.name().to_owned();
     let mut facts = survey::identity(Arc::clone(host)).await;
-    let checks = checks(host, probing).await;
+    let checks = checks(host, probing, &mut facts).await;
     if facts.obstacle.is_none() {
         let everything = providers
             .catalogue()
@@ -146,7 +177,7 @@ async fn ask(host: &Arc<dyn Host>, providers: &Providers, probing: Probing) -> E
     Examination {
         name,
         facts,
-        checks: checks.map(|record| record.checks),
+        checks,
         standing: Standing::of(host).await,
         to_come_bytes: None,
     }

@@ -18,6 +18,7 @@ use std::collections::{BTreeMap, BTreeSet};
 
 use record::{
     axis::SIMULATED,
+    connection::Connection,
     run_directory::{FORMAT, PlanRecord, PlannedScenario},
     settings::{Need, Settings, SimulationSettings},
 };
@@ -36,8 +37,8 @@ use placement::{HostCapabilities, fitting, place};
 use selection::Candidate;
 
 use crate::{
-    matrix_file::{Code, Diagnostic, Diagnostics, FEWER, MatrixFile},
-    provider::AskedRight,
+    matrix_file::{Code, Diagnostic, Diagnostics, FEWER, Host, MatrixFile},
+    provider::{AskedRight, Availability},
 };
 
 /// What will happen.
@@ -53,6 +54,8 @@ pub struct Plan {
     pub environments: Option<Design>,
     /// The hosts that could not be asked what they can do, and why.
     pub silent: BTreeMap<String, String>,
+    /// What the batch systems of hosts that are clusters say, such as when a job would run; of those that measure something.
+    pub batch_systems: BTreeMap<String, String>,
     /// The hosts that stand for nodes of a cluster that was not asked which they are.
     pub unknown_nodes: Vec<String>,
     /// What environments of scenarios that run may do beyond what every environment of ours may.
@@ -189,6 +192,7 @@ impl<'a> ExpandedMatrix<'a> {
         let environments =
             windows.and_then(|windows| windows.by_environments(&record.scenarios, &file.report));
         Ok(Plan {
+            batch_systems: batch_systems(file, facts, &record.scenarios),
             record,
             attainable,
             environments,
@@ -229,6 +233,24 @@ fn offers(file: &MatrixFile, facts: &BTreeMap<String, HostFacts>) -> Vec<HostCap
         .iter()
         .map(|host| HostCapabilities::of(host, facts.get(&host.name.value)))
         .collect()
+}
+
+fn batch_systems(
+    file: &MatrixFile,
+    facts: &BTreeMap<String, HostFacts>,
+    scenarios: &[PlannedScenario],
+) -> BTreeMap<String, String> {
+    let said = |host: &Host| {
+        let name = &host.name.value;
+        let of_host = |it: &&PlannedScenario| it.runs() && it.host.as_ref() == Some(name);
+        let scenario = scenarios.iter().find(of_host)?;
+        match &facts.get(name)?.providers.get(&scenario.provider())?.availability {
+            Availability::Available { detail } => Some((name.clone(), detail.clone())),
+            Availability::Unavailable { .. } => None,
+        }
+    };
+    let clusters = file.hosts.iter().filter(|it| matches!(it.connection, Connection::Slurm(_)));
+    clusters.filter_map(said).collect()
 }
 
 /// Each is a folder of the run directory.

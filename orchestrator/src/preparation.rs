@@ -2,7 +2,7 @@
 //! main function is [`prepare`].
 //!
 //! ```text
-//! file -> what the hosts are -> the matrix expanded, once -> what the hosts can do for its scenarios -> plan
+//! file -> which nodes clusters have -> what the hosts are -> the matrix expanded, once -> what the hosts can do for its scenarios -> plan
 //! ```
 
 use std::{collections::BTreeMap, path::Path};

@@ -28,11 +28,12 @@ exec "$1" detached job --root "$2" --environment "$3" --hardware "$4" --os "$5" 
     --job "${SLURM_JOB_ID:?}" --node "${SLURMD_NODENAME:?}"
 "#;
 
-/// What a job runs that only looks whether its node has what a scenario needs: the words after the script's are the workload and the
-/// settings.
+/// What a job runs that only looks what its node is and whether it has what a scenario needs: the words after the script's are the
+/// workload, the settings and the root. Its answers are JSON, one after another, the last one whether this user may use an engine.
 const PROBE: &str = r#"#!/bin/sh
 # matrix: what this node has.
-exec "$1" check --settings "$2"
+"$1" check --settings "$2" && "$1" detached platform --root "$3" || exit
+if [ -w /var/run/docker.sock ]; then echo true; else echo false; fi
 "#;
 
 /// What the submit host is, and where a state directory of `matrix` is there.

@@ -12,6 +12,7 @@
 //! would write to one folder. What is missing is measured in another environment, by another job.
 
 mod environment;
+mod probe;
 mod time;
 
 use std::{
@@ -24,7 +25,6 @@ use async_trait::async_trait;
 use record::{
     axis::NATIVE,
     call::Check,
-    check::CheckRecord,
     connection::Nodes,
     detached::ListedEnvironment,
     layout,
@@ -38,10 +38,10 @@ use tokio::{
     time::{Instant, sleep},
 };
 
+pub use self::probe::ProbedNode;
 use self::environment::JobEnvironment;
 use super::{
     Availability, Environment, EnvironmentRequest, Leftover, Provider, ProviderError, backoff,
-    capability_probe,
     detached::{AgentClient, DIRECTORY},
 };
 use crate::{
@@ -202,11 +202,11 @@ impl Jobs {
         self.cluster.system.nodes(&self.any_job().await?).await
     }
 
-    /// Whether a node has what a need asks for, looked at in a job of its own.
+    /// What a node is and whether it has what a need asks for, looked at in a job of its own.
     ///
     /// # Errors
     /// When the job does not begin within ten minutes, or does not answer as agreed.
-    pub async fn probe(&self, need: &Need) -> Result<CheckRecord, ProviderError> {
+    pub async fn probe(&self, need: &Need) -> Result<ProbedNode, ProviderError> {
         let programs = self.programs().await?;
         let folder = &self.agent.deployed().await?.environments;
         slurm::make_folder(self.host.as_ref(), folder).await?;
@@ -216,7 +216,11 @@ impl Jobs {
         let job = JobRequest {
             name: name.clone(),
             script: programs.probe.clone(),
-            arguments: vec![programs.workload.clone().into_os_string(), settings.into()],
+            arguments: vec![
+                programs.workload.clone().into_os_string(),
+                settings.into(),
+                folder.clone().into_os_string(),
+            ],
             output: output.clone(),
             minutes: 1,
             ..self.any_job().await?
@@ -249,7 +253,7 @@ impl Jobs {
         }
         sleep(self.nodes.slurm.visible_within.duration()).await;
         let printed = slurm::take_file(self.host.as_ref(), &output).await?;
-        capability_probe::answer(printed.as_bytes())
+        probe::answer(&printed)
     }
 
     /// The one node on which a run measures all scenarios of this host: where it has measured, or is to measure, or else where a job

@@ -19,7 +19,8 @@ pub struct CheckRecord {
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
 #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 pub struct Check {
-    /// Its name: `network`, `ros-master`, `capture`, `realtime-priority`, `memory-lock`.
+    /// Its name: `network`, `ros-master`, `capture`, `realtime-priority`, `memory-lock`; of a cluster's node also `clock`, `engine` and
+    /// `hardware-and-os`.
     pub name: String,
     /// Whether the experiment cannot run without it. What is not required and missing is recorded with the results.
     pub required: bool,

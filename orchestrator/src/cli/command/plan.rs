@@ -145,6 +145,9 @@ pub struct PlanDocument<'a> {
     data_bytes: u64,
     /// What containers may do beyond what every container of `matrix` may.
     rights: &'a [AskedRight],
+    /// What the batch systems of hosts that are clusters say, such as when a job would run, by host; absent without such hosts.
+    #[serde(skip_serializing_if = "BTreeMap::is_empty")]
+    batch_systems: &'a BTreeMap<String, String>,
     /// What is odd in the file and no error.
     warnings: Vec<DiagnosticRecord<'a>>,
     /// What a pair of windows would detect; only with `--sensitivity`.
@@ -214,6 +217,7 @@ pub fn document(plan: &Plan) -> PlanDocument<'_> {
         environments_as_units: plan.environments,
         data_bytes: data_bytes(plan),
         rights: &plan.rights,
+        batch_systems: &plan.batch_systems,
         warnings: plan.warnings.to_json(),
         sensitivity: None,
         power: None,
@@ -233,6 +237,9 @@ pub fn as_text(plan: &Plan) -> String {
     }
     for right in &plan.rights {
         let _ = writeln!(text, "{}: {}: {}", right.setting, right.asked, right.means);
+    }
+    for (host, said) in &plan.batch_systems {
+        let _ = writeln!(text, "{host}: {said}");
     }
     let measuring = humantime::format_duration(Duration::from_secs_f64(record.measuring_s));
     // A command is known by its timeout alone.
