@@ -129,7 +129,10 @@ async fn checks(
         }
         (Some(nodes), Probing::SubmitsJobs) => {
             let jobs = Jobs::new(NATIVE, host, nodes, &Clusters::default());
-            let ProbedNode { mut checks, host: node } = jobs.probe(&defaults).await?;
+            let ProbedNode {
+                mut checks,
+                host: node,
+            } = jobs.probe(&defaults).await?;
             checks.push(as_said(host.name(), nodes, &node.platform));
             facts.hardware = node.platform.machine;
             facts.os = node.platform.os;

@@ -249,7 +249,10 @@ fn batch_systems(
             Availability::Unavailable { .. } => None,
         }
     };
-    let clusters = file.hosts.iter().filter(|it| matches!(it.connection, Connection::Slurm(_)));
+    let clusters = file
+        .hosts
+        .iter()
+        .filter(|it| matches!(it.connection, Connection::Slurm(_)));
     clusters.filter_map(said).collect()
 }
 

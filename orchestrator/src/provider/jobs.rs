@@ -38,8 +38,8 @@ use tokio::{
     time::{Instant, sleep},
 };
 
-pub use self::probe::ProbedNode;
 use self::environment::JobEnvironment;
+pub use self::probe::ProbedNode;
 use super::{
     Availability, Environment, EnvironmentRequest, Leftover, Provider, ProviderError, backoff,
     detached::{AgentClient, DIRECTORY},

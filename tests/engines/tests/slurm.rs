@@ -557,8 +557,14 @@ fn what_the_cluster_does_not_have_is_told_before_anything_is_submitted() {
     let checks = probed["hosts"][0]["checks"].as_array().unwrap();
     let network = checks.iter().find(|check| check["name"] == "network").unwrap();
     assert_eq!(network["available"], true, "{probed:#}");
-    let names: Vec<_> = checks.iter().map(|check| check["name"].as_str().unwrap()).collect();
-    assert!(names.ends_with(&["clock", "engine", "hardware-and-os"]), "{names:?}");
+    let names: Vec<_> = checks
+        .iter()
+        .map(|check| check["name"].as_str().unwrap())
+        .collect();
+    assert!(
+        names.ends_with(&["clock", "engine", "hardware-and-os"]),
+        "{names:?}"
+    );
     assert_eq!(probed["hosts"][0]["os"], "debian-12", "{probed:#}");
     // What only the job can know ends it before its first window.
     let other = matrix("constraint: i686", &windows(1, 3));

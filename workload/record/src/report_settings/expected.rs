@@ -237,6 +237,7 @@ mod tests {
         let limits: Vec<_> = [&read_one, &read_many]
             .iter()
             .flat_map(|it| it.0.iter().map(Expectation::limits))
+            .map(|limits| limits.map(|limit| limit.map(|limit| (limit * 1e6).round() / 1e6)))
             .collect();
         assert_eq!(
             limits,
