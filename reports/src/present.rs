@@ -2,6 +2,7 @@
 //! main type is [`Presentation`], made by [`Report::present`].
 
 mod axes;
+pub(crate) mod colours;
 pub mod figure;
 mod finding;
 pub(crate) mod forest;

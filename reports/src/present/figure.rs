@@ -122,7 +122,7 @@ pub fn draw(run: &Run, report: &Report) -> Result<Vec<Figure>, FigureError> {
     figures.extend(topology::draw(run)?);
     figures.extend(distributions::example(report)?);
     for scenario in &run.scenarios {
-        figures.extend(trajectory::draw(scenario, run.error)?);
+        figures.extend(trajectory::draw(report, scenario, run.error)?);
     }
     for pair in chosen(report).pairs {
         figures.push(histogram::draw(report, &pair)?);

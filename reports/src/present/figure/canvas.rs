@@ -19,6 +19,7 @@ use plotters::{
 };
 
 use super::{Figure, Kind};
+use crate::present::colours::COLOURS;
 
 /// A figure could not be drawn.
 #[derive(Debug, thiserror::Error)]
@@ -44,9 +45,17 @@ const UNITS_PER_PT: f64 = 10.0;
 /// The library writes fonts smaller by this.
 const FONT_SCALE: f64 = 1.24;
 
-/// Blue and vermilion that are told apart without colour vision too (Okabe and Ito).
-pub(super) const FIRST: RGBColor = RGBColor(0, 114, 178);
-pub(super) const SECOND: RGBColor = RGBColor(213, 94, 0);
+/// The colour of that number.
+pub(super) fn colour(number: usize) -> RGBColor {
+    let (red, green, blue) = COLOURS.get(number % COLOURS.len()).copied().unwrap_or_default();
+    RGBColor(red, green, blue)
+}
+
+/// The same with much white, so that another's outline is seen on it.
+pub(super) fn pale(RGBColor(red, green, blue): RGBColor) -> RGBColor {
+    let mixed = |part: u8| (f64::from(part) * 0.35 + 255.0 * 0.65).round() as u8;
+    RGBColor(mixed(red), mixed(green), mixed(blue))
+}
 
 /// Opaque, since what lets the paper through would be set apart in PDF, and in no fixed order.
 const LABEL: RGBColor = RGBColor(38, 38, 38);

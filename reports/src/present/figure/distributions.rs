@@ -5,7 +5,7 @@ use plotters::{
     element::{Circle, PathElement, Text},
     series::{DashedLineSeries, LineSeries},
     style::{
-        BLACK,
+        BLACK, RGBColor,
         text_anchor::{HPos, VPos},
     },
 };
@@ -13,8 +13,7 @@ use plotters::{
 use super::{
     Figure, FigureError, Kind,
     canvas::{
-        About, Area, Axes, DASH_PT, DrawingError, FIRST, LETTERS_PT, SECOND, Sample, anchored, drawn, legend,
-        line, pt,
+        About, Area, Axes, DASH_PT, DrawingError, LETTERS_PT, Sample, anchored, drawn, legend, line, pt,
     },
     pairs::{self, WindowPair},
 };
@@ -54,6 +53,7 @@ pub(super) fn draw(report: &Report, pair: &WindowPair<'_>) -> Result<Figure, Fig
         height_pt: 180.0,
     };
     let curves = Curves {
+        colours: pair.colours(report),
         samples: pair.samples(report),
         names: pair.names(),
         x: report.quantity.axis(),
@@ -84,6 +84,7 @@ pub(super) fn example(report: &Report) -> Result<Option<Figure>, FigureError> {
         height_pt: 150.0,
     };
     let curves = Curves {
+        colours: pair.colours(report),
         samples: pair.samples(report),
         names: [format!("F(x) of {first}"), format!("G(x) of {second}")],
         x: report
@@ -115,6 +116,7 @@ fn p_value(comparison: &Comparison<'_>) -> String {
 
 /// What is drawn: the samples in ascending order, and words.
 struct Curves {
+    colours: [RGBColor; 2],
     samples: [Vec<f64>; 2],
     names: [String; 2],
     x: String,
@@ -125,7 +127,7 @@ struct Curves {
 impl Curves {
     fn draw(&self, area: &Area<'_>) -> Result<(), DrawingError> {
         let [x, y] = &self.samples;
-        let [first, second] = [line(FIRST, 1.0), line(SECOND, 1.0)];
+        let [first, second] = self.colours.map(|colour| line(colour, 1.0));
         let [of_x, of_y] = self.names.each_ref().map(String::as_str);
         let below = legend(
             area,

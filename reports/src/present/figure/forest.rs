@@ -12,8 +12,8 @@ use plotters::{
 use super::{
     Figure, FigureError, Kind,
     canvas::{
-        About, Area, Axes, DrawingError, FIRST, LEGEND_PT, LETTERS_PT, Sample, anchored, drawn, fitted,
-        legend, line, pt,
+        About, Area, Axes, DrawingError, LEGEND_PT, LETTERS_PT, Sample, anchored, drawn, fitted, legend,
+        line, pt,
     },
 };
 use crate::{
@@ -28,6 +28,8 @@ const ROW_PT: f64 = 10.5;
 const LETTERS_OF_A_PAIR_PT: f64 = 34.0;
 /// For what a difference may come from.
 const FACTOR_PT: f64 = 86.0;
+/// A shift is of two scenarios, and has the colour of neither.
+const SHIFT: RGBColor = RGBColor(64, 64, 64);
 /// The band that does not matter.
 const BAND: RGBColor = RGBColor(232, 236, 240);
 
@@ -61,7 +63,7 @@ fn about(kind: Kind, of: String, forest: &Forest, report: &Report) -> About {
 }
 
 fn on(area: &Area<'_>, forest: &Forest, names_pt: f64) -> Result<(), DrawingError> {
-    let [each, all, zero] = [line(FIRST, 2.2), line(FIRST, 0.7), line(BLACK, 0.5)];
+    let [each, all, zero] = [line(SHIFT, 2.2), line(SHIFT, 0.7), line(BLACK, 0.5)];
     let mut samples = vec![(Sample::Line(each), forest.each)];
     samples.extend(forest.all.map(|name| (Sample::Line(all), name)));
     let below = legend(area, &samples)?;

@@ -7,7 +7,7 @@ use plotters::{
 
 use super::{
     Figure, FigureError, Kind,
-    canvas::{About, Area, Axes, DrawingError, FIRST, SECOND, Sample, drawn, legend, line},
+    canvas::{About, Area, Axes, DrawingError, Sample, drawn, legend, line, pale},
     distributions::range,
     pairs::WindowPair,
 };
@@ -15,8 +15,6 @@ use crate::analysis::report::Report;
 
 /// Bars of a histogram.
 const BARS: usize = 24;
-/// The first colour with much white, so that the second's outline is seen on it.
-const FILL: RGBColor = RGBColor(166, 206, 227);
 
 /// Draws the histograms of two windows.
 pub(super) fn draw(report: &Report, pair: &WindowPair<'_>) -> Result<Figure, FigureError> {
@@ -43,7 +41,13 @@ pub(super) fn draw(report: &Report, pair: &WindowPair<'_>) -> Result<Figure, Fig
     };
     let (axis, share) = (quantity.axis(), format!("share of {}", quantity.value_nouns()[1]));
     drawn(about, |area| {
-        draw_bars(area, &samples, &[&first, &second], [&axis, &share])
+        draw_bars(
+            area,
+            &samples,
+            &[&first, &second],
+            [&axis, &share],
+            pair.colours(report),
+        )
     })
 }
 
@@ -52,12 +56,14 @@ fn draw_bars(
     samples: &[Vec<f64>; 2],
     names: &[&str; 2],
     axes: [&str; 2],
+    [first, second]: [RGBColor; 2],
 ) -> Result<(), DrawingError> {
-    let (edge, outline) = (line(FIRST, 0.5), line(SECOND, 1.25));
+    let fill = pale(first);
+    let (edge, outline) = (line(first, 0.5), line(second, 1.25));
     let below = legend(
         area,
         &[
-            (Sample::Filled(FILL, edge), names[0]),
+            (Sample::Filled(fill, edge), names[0]),
             (Sample::Line(outline), names[1]),
         ],
     )?;
@@ -80,7 +86,7 @@ fn draw_bars(
     for bar in first.iter().filter(|bar| bar.share > 0.0) {
         let corners = [(bar.from, 0.0), (bar.to, bar.share)];
         chart.draw_series([
-            Rectangle::new(corners, FILL.filled()),
+            Rectangle::new(corners, fill.filled()),
             Rectangle::new(corners, edge),
         ])?;
     }

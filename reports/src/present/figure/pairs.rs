@@ -5,12 +5,17 @@
 
 use std::collections::BTreeSet;
 
+use plotters::style::RGBColor;
 use record::{
     family::{Family, Member},
     report_settings::{DrawnPair, DrawnScenario},
 };
 
-use crate::analysis::{comparison::Comparison, report::Report, scenario::ScenarioReport};
+use super::canvas::colour;
+use crate::{
+    analysis::{comparison::Comparison, report::Report, scenario::ScenarioReport},
+    present::colours,
+};
 
 /// Pairs of scenarios that are drawn when none is named.
 const MOST_BY_DEFAULT: usize = 12;
@@ -182,6 +187,11 @@ fn by_default(report: &Report) -> Vec<(&ScenarioReport, &ScenarioReport)> {
 }
 
 impl WindowPair<'_> {
+    /// Those of its scenarios.
+    pub(super) fn colours(&self, report: &Report) -> [RGBColor; 2] {
+        colours::of_two(report, self.scenarios.map(|scenario| scenario.id.as_str())).map(colour)
+    }
+
     /// Both samples in ascending order, in metres.
     pub(super) fn samples(&self, report: &Report) -> [Vec<f64>; 2] {
         let it = &self.comparison;

@@ -3,28 +3,18 @@
 use plotters::{
     element::{Circle, PathElement},
     series::LineSeries,
-    style::{Color, RGBColor},
+    style::Color,
 };
 
 use super::{
     Figure, FigureError, Kind,
-    canvas::{About, Area, Axes, DrawingError, LEGEND_PT, Sample, drawn, legend, line, pt},
+    canvas::{About, Area, Axes, DrawingError, LEGEND_PT, Sample, colour, drawn, legend, line, pt},
 };
 use crate::{
     analysis::report::Report,
     present::sweep::{Line, Sweep},
 };
 
-/// Told apart without colour vision too (Okabe and Ito). More lines than these begin again.
-const COLOURS: [RGBColor; 7] = [
-    RGBColor(0, 114, 178),
-    RGBColor(213, 94, 0),
-    RGBColor(0, 158, 115),
-    RGBColor(204, 121, 167),
-    RGBColor(86, 180, 233),
-    RGBColor(230, 159, 0),
-    RGBColor(0, 0, 0),
-];
 /// Lines of a legend, beyond which lines have no names.
 const MOST_NAMED: usize = 14;
 
@@ -70,10 +60,10 @@ fn of_file(axis: &str) -> String {
 }
 
 fn on(area: &Area<'_>, sweep: &Sweep, name: &str, is_named: bool) -> Result<(), DrawingError> {
-    let coloured = || sweep.lines.iter().zip(COLOURS.iter().cycle());
+    let coloured = || sweep.lines.iter().zip((0..).map(colour));
     let names: Vec<(Sample, &str)> = coloured()
         .filter(|(line, _)| is_named && !line.name.is_empty())
-        .map(|(one, colour)| (Sample::Line(line(*colour, 1.0)), one.name.as_str()))
+        .map(|(one, colour)| (Sample::Line(line(colour, 1.0)), one.name.as_str()))
         .collect();
     let below = legend(area, &names)?;
     let points = || sweep.lines.iter().flat_map(|line| &line.points);
@@ -90,7 +80,7 @@ fn on(area: &Area<'_>, sweep: &Sweep, name: &str, is_named: bool) -> Result<(), 
     };
     let mut chart = axes.draw(&below)?;
     for (one, colour) in coloured() {
-        let (curve, bar) = (line(*colour, 1.0), line(*colour, 0.6));
+        let (curve, bar) = (line(colour, 1.0), line(colour, 0.6));
         let means = one.points.iter().map(|point| (point.x, point.mean));
         chart.draw_series(LineSeries::new(means, curve))?;
         for point in &one.points {

@@ -6,16 +6,22 @@ use record::{report_settings::ErrorOf, run_directory::PeriodPath};
 
 use super::{
     Figure, FigureError, Kind,
-    canvas::{About, Area, Axes, DrawingError, FIRST, SECOND, Sample, drawn, legend, line, pt},
+    canvas::{About, Area, Axes, DrawingError, Sample, colour, drawn, legend, line, pt},
 };
-use crate::input::run::ScenarioRun;
+use crate::{analysis::report::Report, input::run::ScenarioRun, present::colours};
 
 /// More points than this are not seen, and make the file large.
 const POINTS: usize = 1000;
+/// Of the target, which is no scenario's own.
+const TARGET: RGBColor = RGBColor(150, 150, 150);
 /// For the path in the plane: so that it has one scale both ways.
 const PLANE_PT: f64 = 155.0;
 
-pub(super) fn draw(scenario: &ScenarioRun, error: ErrorOf) -> Result<Option<Figure>, FigureError> {
+pub(super) fn draw(
+    report: &Report,
+    scenario: &ScenarioRun,
+    error: ErrorOf,
+) -> Result<Option<Figure>, FigureError> {
     let mut counted = scenario.counted();
     let Some((window, trace)) = counted.find_map(|(window, _, data)| Some((window, data.trace()?))) else {
         return Ok(None);
@@ -37,11 +43,20 @@ pub(super) fn draw(scenario: &ScenarioRun, error: ErrorOf) -> Result<Option<Figu
         height_pt: 165.0,
     };
     let period_s = planned.settings.period.as_secs_f64();
-    drawn(about, |area| draw_period(area, &trace.last_period, period_s)).map(Some)
+    let actual = colour(colours::of(report, &planned.id));
+    drawn(about, |area| {
+        draw_period(area, &trace.last_period, actual, period_s)
+    })
+    .map(Some)
 }
 
-fn draw_period(area: &Area<'_>, path: &PeriodPath, period_s: f64) -> Result<(), DrawingError> {
-    let curves = curves(path);
+fn draw_period(
+    area: &Area<'_>,
+    path: &PeriodPath,
+    actual: RGBColor,
+    period_s: f64,
+) -> Result<(), DrawingError> {
+    let curves = curves(path, actual);
     let below = legend(
         area,
         &curves.each_ref().map(|it| (Sample::Line(it.style), it.name)),
@@ -75,17 +90,17 @@ struct Curve<'a> {
 }
 
 /// The target below the actual path, and wider, so that both are seen where they meet.
-fn curves(path: &PeriodPath) -> [Curve<'_>; 2] {
+fn curves(path: &PeriodPath, actual: RGBColor) -> [Curve<'_>; 2] {
     let style = |colour: RGBColor, width_pt| line(colour, width_pt);
     [
         Curve {
             name: "target",
-            style: style(SECOND, 1.5),
+            style: style(TARGET, 1.5),
             points: &path.reference_m,
         },
         Curve {
             name: "actual",
-            style: style(FIRST, 0.6),
+            style: style(actual, 0.6),
             points: &path.position_m,
         },
     ]

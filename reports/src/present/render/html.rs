@@ -21,7 +21,7 @@ use maud::{DOCTYPE, Markup, PreEscaped, html};
 use crate::{
     analysis::report::Report,
     present::{
-        Presentation,
+        Presentation, colours,
         figure::{Figure, Kind},
         table::Table,
         writing::other_folder,
@@ -186,6 +186,11 @@ fn drawn(number: usize, table: &Table) -> Markup {
     }
 }
 
+/// A scenario's colour beside its letter: the legend of all drawings.
+fn swatch(report: &Report, scenario: &str) -> Markup {
+    html! { span class=(format!("swatch s{}", colours::of(report, scenario))) aria-hidden="true" {} " " }
+}
+
 /// A text whose names of files and settings stand between backticks, as in Markdown.
 fn prose(text: &str) -> Markup {
     html! {
@@ -246,6 +251,14 @@ fn methods(report: &Report) -> Markup {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn the_page_has_the_colours_of_the_figures() {
+        for (number, (red, green, blue)) in colours::COLOURS.iter().enumerate() {
+            let rule = format!(".s{number} {{ --own: #{red:02x}{green:02x}{blue:02x}; }}");
+            assert!(STYLE.contains(&rule), "{rule}");
+        }
+    }
 
     #[test]
     fn names_of_files_and_settings_are_set_as_code() {

@@ -176,12 +176,9 @@ pub type Expectations = BTreeMap<String, Several>;
 pub struct Several(pub Vec<Expectation>);
 
 /// How it is written.
-#[derive(Deserialize)]
-#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
-#[cfg_attr(
-    feature = "schema",
-    expect(dead_code, reason = "the schema is made of it, and a visitor reads it")
-)]
+#[cfg(feature = "schema")]
+#[derive(serde::Deserialize, schemars::JsonSchema)]
+#[expect(dead_code, reason = "the schema is made of it, and a visitor reads it")]
 #[serde(untagged)]
 enum OneOrMany {
     /// Of all scenarios that it names.

@@ -2,7 +2,7 @@
 
 use maud::{Markup, html};
 
-use super::prose;
+use super::{prose, swatch};
 use crate::analysis::{
     report::Report,
     scenario::{ScenarioReport, Standing},
@@ -36,7 +36,7 @@ pub(super) fn draw(report: &Report) -> Markup {
                 tbody { @for name in &rows {
                     tr {
                         th scope="row" { (name) }
-                        @for column in &columns { td { @for scenario in at(name, column) { (cell(scenario)) } } }
+                        @for column in &columns { td { @for scenario in at(name, column) { (cell(report, scenario)) } } }
                     }
                 } }
             }
@@ -44,7 +44,7 @@ pub(super) fn draw(report: &Report) -> Markup {
     }
 }
 
-fn cell(scenario: &ScenarioReport) -> Markup {
+fn cell(report: &Report, scenario: &ScenarioReport) -> Markup {
     let suspect = scenario.windows_suspect();
     let (sign, class) = match scenario.standing {
         // What went well on a disturbed machine is not to look as if it had gone well.
@@ -53,7 +53,7 @@ fn cell(scenario: &ScenarioReport) -> Markup {
     };
     html! {
         div {
-            strong { (scenario.id) } " "
+            (swatch(report, &scenario.id)) strong { (scenario.id) } " "
             span class=(class) { (sign) " " (scenario.standing.name()) }
             @if !scenario.windows.is_empty() {
                 br; (scenario.windows_counted()) " of " (scenario.windows.len()) " windows count"

@@ -9,8 +9,12 @@ use maud::{Markup, html};
 use super::{
     MOST_SHOWN, left_out,
     plot::{Axis, Plot},
+    swatch,
 };
-use crate::analysis::{report::Report, scenario::ScenarioReport};
+use crate::{
+    analysis::{report::Report, scenario::ScenarioReport},
+    present::colours,
+};
 
 /// Delays beyond this share are not drawn: a single packet that was minutes late would leave the rest no room.
 const DRAWN: f64 = 0.995;
@@ -32,18 +36,25 @@ pub(super) fn draw(report: &Report) -> Markup {
     html! {
         @if let (Some(delays), Some(means)) = (&delays, &means) {
             p {
-                "From the sender's capture to the receiver's, states " span .first-name { "—" } " and commands "
-                span .second-name { "- -" } ". All drawings have the same scales; the tables have the numbers."
+                "From the sender's capture to the receiver's, states (—) and commands (- -). All drawings have the same scales; the \
+                 tables have the numbers."
             }
             (left_out(found.len(), "packets.csv"))
-            @for (scenario, found) in found.iter().take(MOST_SHOWN) { (one(scenario, found, delays, means)) }
+            @for (scenario, found) in found.iter().take(MOST_SHOWN) { (one(report, scenario, found, delays, means)) }
         } @else {
             p { "No scenario has captures of windows that count." }
         }
     }
 }
 
-fn one(scenario: &ScenarioReport, found: &ScenarioTraffic, delays: &Axis, means: &Axis) -> Markup {
+fn one(
+    report: &Report,
+    scenario: &ScenarioReport,
+    found: &ScenarioTraffic,
+    delays: &Axis,
+    means: &Axis,
+) -> Markup {
+    let colour = colours::of(report, &scenario.id);
     let name = format!("{} {}", scenario.id, scenario.slug);
     let courses = Topic::ALL.map(|topic| course(found, topic));
     let periods = courses.iter().map(Vec::len).max().unwrap_or(0);
@@ -56,21 +67,21 @@ fn one(scenario: &ScenarioReport, found: &ScenarioTraffic, delays: &Axis, means:
         y: means.clone(),
     };
     html! {
-        h3 { (name) }
+        h3 { (swatch(report, &scenario.id)) (name) }
         div .pairs {
             (spreads.draw(
                 &format!("Distribution of the delays of {name}"),
-                &lines(&spreads, &Topic::ALL.map(|topic| spread(found, topic)))
+                &lines(&spreads, colour, &Topic::ALL.map(|topic| spread(found, topic)))
             ))
-            (over_time.draw(&format!("Mean delay of each period of {name}"), &lines(&over_time, &courses)))
+            (over_time.draw(&format!("Mean delay of each period of {name}"), &lines(&over_time, colour, &courses)))
         }
     }
 }
 
-fn lines(plot: &Plot, [state, command]: &[Vec<(f64, f64)>; 2]) -> Markup {
+fn lines(plot: &Plot, colour: usize, [state, command]: &[Vec<(f64, f64)>; 2]) -> Markup {
     html! {
-        polyline .curve.first points=(plot.line(state.iter().copied())) {}
-        polyline .curve.second points=(plot.line(command.iter().copied())) {}
+        polyline class=(format!("curve s{colour}")) points=(plot.line(state.iter().copied())) {}
+        polyline class=(format!("curve s{colour} even")) points=(plot.line(command.iter().copied())) {}
     }
 }
 

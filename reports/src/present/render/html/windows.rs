@@ -3,8 +3,14 @@
 
 use maud::{Markup, html};
 
-use super::plot::{Axis, Plot};
-use crate::analysis::{report::Report, sample::Sample, scenario::ScenarioReport};
+use super::{
+    plot::{Axis, Plot},
+    swatch,
+};
+use crate::{
+    analysis::{report::Report, sample::Sample, scenario::ScenarioReport},
+    present::colours,
+};
 
 pub(super) fn draw(report: &Report) -> Markup {
     let all = report
@@ -52,13 +58,14 @@ fn one(report: &Report, scenario: &ScenarioReport, errors: &Axis) -> Option<Mark
         before += sample.values.len();
     }
     let name = format!("{} {}", scenario.id, scenario.slug);
+    let curve = format!("curve s{}", colours::of(report, &scenario.id));
     Some(html! {
         figure {
-            figcaption { (name) ", windows " (numbers(&samples)) }
+            figcaption { (swatch(report, &scenario.id)) (name) ", windows " (numbers(&samples)) }
             (plot.draw(&format!("{} over time of {name}", report.quantity.name), &html! {
                 @for (is_odd, points) in &lines {
-                    @if *is_odd { polyline .curve.first points=(points) {} }
-                    @else { polyline .curve.second points=(points) {} }
+                    @if *is_odd { polyline class=(curve) points=(points) {} }
+                    @else { polyline class=(format!("{curve} even")) points=(points) {} }
                 }
             }))
         }
