@@ -1,23 +1,30 @@
 //! The pipeline that `matrix ci-generate` prints, whose jobs are done here as a runner would.
 
-use std::{path::Path, process::Command};
+use std::{
+    path::Path,
+    process::{Command, Output},
+};
 
 use serde_yaml::Value;
 use tests::{FAKE, Workplace, matrix_binary};
 
 /// Does a line of a job's script where the repository is.
 fn done(workplace: &Workplace, script: &str) {
+    let output = shell(workplace, script);
+    assert!(output.status.success(), "{script}: {output:?}");
+}
+
+fn shell(workplace: &Workplace, script: &str) -> Output {
     let programs = matrix_binary().parent().unwrap();
     let path = std::env::var("PATH").unwrap();
-    let output = Command::new("sh")
+    Command::new("sh")
         .args(["-c", script])
         .current_dir(workplace.path())
         .env("PATH", format!("{}:{path}", programs.display()))
         .env("MATRIX_STATE_DIR", workplace.path().join("state"))
         .env("MATRIX_LEASE", workplace.path().join("lease"))
         .output()
-        .unwrap();
-    assert!(output.status.success(), "{script}: {output:?}");
+        .unwrap()
 }
 
 #[test]
@@ -95,4 +102,17 @@ fn a_mean_that_the_file_does_not_expect_fails_the_first_night_and_is_its_first_s
         format!("providers: {{fake: {{scenarios: {{{slug}: {{fail: {{at: measure, window: 3}}}}}}}}}}\n");
     workplace.write("m.yaml", format!("{}{failing}", with("1mm")));
     assert_eq!(workplace.run(&["run", "m.yaml", "--quiet"]).code, Some(1));
+}
+
+#[test]
+fn the_nightly_script_tells_on_the_first_night_what_is_not_expected() {
+    let workplace = Workplace::new();
+    let script = concat!(env!("CARGO_MANIFEST_DIR"), "/../examples/nightly/nightly .");
+    for (limit, code) in [("1mm", 7), ("9m", 6)] {
+        let night = format!("{FAKE}report: {{expect: {{error: {{value: {limit}, above: 5%}}}}}}\n");
+        workplace.write("matrix.yaml", night);
+        let ran = shell(&workplace, script);
+        // Of one night, or two, drift says that it has too little data.
+        assert_eq!(ran.status.code(), Some(code), "{limit}: {ran:?}");
+    }
 }
