@@ -75,10 +75,11 @@ fn facts(run: &Path, slug: &str) -> Value {
     record["facts"].clone()
 }
 
-/// A run of two windows that measures the second of them, and the node that does.
+/// A run of two windows that measures the second of them, and the node that does. That is seen some seconds late where others use the
+/// machine.
 fn in_the_second_window(cluster: &Cluster) -> (Running, String) {
     let workplace = &cluster.workplace;
-    workplace.write("m.yaml", matrix("constraint: x86_64", &windows(2, 6)));
+    workplace.write("m.yaml", matrix("constraint: x86_64", &windows(2, 12)));
     let mut running = workplace.start(&["run", "m.yaml"]);
     running.wait_for("window 1 complete");
     (running, cluster.running_on())
@@ -127,7 +128,7 @@ fn two_kinds_of_nodes_measure_a_sweep_over_ssh_and_a_power_cut_costs_the_window_
              old: {{hardware: i686, os: ubuntu-22.04, connect: {{slurm: {{{slurm}, constraint: i686}}}}}}\n\
              matrix: {{hardware: [x86_64, i686], os: [debian-12, ubuntu-22.04], virtualization: [native], \
              reference.amplitude_m: [0.03, 0.05]}}\n\
-             workload:\n  windows: 3\n  window: 4s\n  period: 1s\n  {WHOLE_WINDOWS_COUNT}\n"
+             workload:\n  windows: 3\n  window: 8s\n  period: 1s\n  {WHOLE_WINDOWS_COUNT}\n"
         ),
     );
     let mut running = workplace.start(&["run", "m.yaml"]);
@@ -310,7 +311,7 @@ fn a_node_that_stands_still_is_given_up_and_does_not_write_where_another_does_wh
 fn a_controller_that_is_away_costs_nothing_and_a_job_that_another_cancels_is_told_as_such() {
     let cluster = Cluster::start();
     let workplace = &cluster.workplace;
-    workplace.write("m.yaml", matrix("constraint: x86_64", &windows(3, 5)));
+    workplace.write("m.yaml", matrix("constraint: x86_64", &windows(3, 8)));
     let mut running = workplace.start(&["run", "m.yaml"]);
     running.wait_for("measuring window 1");
     cluster.controller(false);
@@ -452,7 +453,7 @@ fn after_a_power_cut_the_tables_are_those_of_an_undisturbed_run_with_the_same_se
     let computed = |connect: &str| {
         format!(
             "hosts: {{lab: {{hardware: x86_64, os: debian-12, connect: {connect}}}}}\nmatrix: {{virtualization: [simulated], \
-             reference.amplitude_m: [0.03, 0.05]}}\nworkload: {{windows: 1, environments: 2, window: 3000s, period: 10s}}\n"
+             reference.amplitude_m: [0.03, 0.05]}}\nworkload: {{windows: 1, environments: 2, window: 1500s, period: 10s}}\n"
         )
     };
     let slurm = format!("{{slurm: {{{QUICK}, constraint: x86_64}}}}");
@@ -640,7 +641,7 @@ fn a_shared_folder_that_is_full_is_told_and_what_was_whole_is_kept() {
         "m.yaml",
         matrix(
             &format!("constraint: x86_64, root: {}", root.display()),
-            &windows(2, 4),
+            &windows(2, 8),
         ),
     );
     let mut running = workplace.start(&["run", "m.yaml"]);
