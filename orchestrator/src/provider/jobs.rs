@@ -295,6 +295,19 @@ impl Jobs {
         Ok(chosen.clone())
     }
 
+    /// Where the file means one node and no other, nothing is measured elsewhere when that one fails.
+    fn ensure_a_node_is_left(&self) -> Result<(), ProviderError> {
+        let only = self.nodes.slurm.nodelist.as_ref();
+        match only.filter(|node| self.remembered().lost.contains(*node)) {
+            None => Ok(()),
+            Some(node) => Err(ProviderError::Unreachable {
+                platform: format!("node `{node}` of host `{}`", self.agent.host()),
+                hint: Some("see what `sinfo -R` prints of it; `matrix resume` measures what is missing when it is back".to_owned()),
+                source: "it failed, or was taken away, while it measured".into(),
+            }),
+        }
+    }
+
     fn at_once(&self) -> usize {
         usize::try_from(self.nodes.slurm.at_once.max(1)).unwrap_or(1)
     }
@@ -430,6 +443,7 @@ impl Provider for Jobs {
     }
 
     async fn create(&self, request: &EnvironmentRequest) -> Result<Box<dyn Environment>, ProviderError> {
+        self.ensure_a_node_is_left()?;
         let mut job = self.job_request(request).await?;
         job.node = self.one_node(request, &job).await?;
         {

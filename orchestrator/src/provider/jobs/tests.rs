@@ -294,6 +294,23 @@ async fn a_job_whose_node_is_gone_says_so_and_the_next_one_goes_elsewhere() {
 }
 
 #[tokio::test]
+async fn where_one_node_alone_is_meant_nothing_is_measured_elsewhere() {
+    let slurm = Slurm {
+        nodelist: Some("n1".to_owned()),
+        ..Slurm::default()
+    };
+    let place = Place::of(Fate::LosesItsNode, slurm);
+    let mut environment = place.jobs.create(&place.request(1)).await.unwrap();
+    assert!(to_the_end(&mut environment).await.1.lost_its_node);
+    let refused = place.jobs.create(&place.request(2)).await.err().unwrap();
+    assert!(refused.to_string().contains("node `n1`"), "{refused}");
+    assert!(refused.hint().unwrap().contains("when it is back"));
+    // Nothing of it was made.
+    assert_eq!(place.system.requests().len(), 1);
+    assert!(place.jobs.find(&place.request(2)).await.unwrap().is_none());
+}
+
+#[tokio::test]
 async fn jobs_wait_for_each_other_and_as_many_as_are_wished_run_at_once() {
     for (at_once, after) in [(1, [None, Some("1"), Some("2")]), (2, [None, None, Some("1")])] {
         let slurm = Slurm {
