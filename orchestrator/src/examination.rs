@@ -2,6 +2,7 @@
 
 use std::{path::Path, sync::Arc};
 
+use futures_util::future::join_all;
 use record::{
     axis::NATIVE,
     check::Check,
@@ -93,7 +94,7 @@ pub enum Probing {
     SubmitsJobs,
 }
 
-/// Asks each host of a matrix file for everything, one after another.
+/// Asks each host of a matrix file for everything, all of them side by side: a job that looks at a node takes a minute or two.
 ///
 /// # Errors
 /// All that is wrong with the file. What is wrong with its scenarios is none: the examinations are then without
@@ -107,10 +108,8 @@ pub async fn of_hosts(
     // A cluster that cannot be asked is examined as the one host that stands for it.
     drop(survey::split_clusters(&mut file).await);
     let providers = survey::providers(&file);
-    let mut answers = Vec::new();
-    for host in providers.hosts() {
-        answers.push(ask(host, &providers, probing).await);
-    }
+    let asking = providers.hosts().map(|host| ask(host, &providers, probing));
+    let mut answers = join_all(asking).await;
     foresee(&file, &mut answers);
     Ok(answers)
 }

@@ -1,6 +1,14 @@
 //! This machine as a host. The main type is [`Here`].
 
-use std::{env, io, os::fd::OwnedFd, path::PathBuf, process::Stdio, sync::Arc, time::Duration};
+use std::{
+    env,
+    io::{self, ErrorKind},
+    os::fd::OwnedFd,
+    path::PathBuf,
+    process::Stdio,
+    sync::Arc,
+    time::Duration,
+};
 
 use async_trait::async_trait;
 use record::connection::SshAddress;
@@ -10,6 +18,7 @@ use tokio::{
     process::{Child, ChildStderr, Command},
     sync::Mutex,
     task::JoinHandle,
+    time::sleep,
 };
 
 use super::{Deployed, Exit, Host, HostError, Listener, Program, ProgramEnd, RunningProgram, ssh::SshHost};
@@ -22,6 +31,9 @@ const LAST_WORDS: usize = 64 << 10;
 /// How long a program that has ended may still have words on the way. Something that it started may keep its standard
 /// error open for ever.
 const WORDS_ON_THE_WAY: Duration = Duration::from_secs(1);
+/// How long it takes a child from its fork to its exec, and how often that is waited for.
+const BUSY: Duration = Duration::from_millis(20);
+const MOST_BUSY: u32 = 50;
 /// As a shell says that a file is there and is no program.
 const NOT_A_PROGRAM: i32 = 126;
 /// As a shell says that there is no such program.
@@ -91,7 +103,18 @@ impl Host for Here {
             .stdin(Stdio::from(theirs))
             .stdout(Stdio::from(output))
             .stderr(Stdio::piped());
-        let end: Box<dyn ProgramEnd> = match workload_binary::start(|| command.spawn()) {
+        let mut busy = 0;
+        let started = loop {
+            match workload_binary::start(|| command.spawn()) {
+                // A child that something else in this process has just forked has the file open for writing until its exec.
+                Err(error) if error.kind() == ErrorKind::ExecutableFileBusy && busy < MOST_BUSY => {
+                    busy += 1;
+                    sleep(BUSY).await;
+                }
+                started => break started,
+            }
+        };
+        let end: Box<dyn ProgramEnd> = match started {
             Ok(mut child) => Box::new(ChildEnd {
                 host: self.name.clone(),
                 last_words: child.stderr.take().map(LastWords::keep),
@@ -196,8 +219,8 @@ impl NeverStarted {
     /// As a shell would say it; none if it would be the machine that refuses.
     fn of(error: &io::Error) -> Option<Self> {
         let code = match error.kind() {
-            io::ErrorKind::NotFound => NO_SUCH_PROGRAM,
-            io::ErrorKind::PermissionDenied => NOT_A_PROGRAM,
+            ErrorKind::NotFound => NO_SUCH_PROGRAM,
+            ErrorKind::PermissionDenied => NOT_A_PROGRAM,
             _ => return None,
         };
         Some(Self(Exit {
@@ -240,5 +263,26 @@ impl LastWords {
         // Whoever else has it open may go on: what is there by now is what the program said.
         let _ = tokio::time::timeout(WORDS_ON_THE_WAY, &mut self.reading).await;
         String::from_utf8_lossy(&self.kept.lock().await).into_owned()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use std::fs;
+
+    use super::*;
+
+    #[tokio::test]
+    async fn a_program_that_is_still_open_for_writing_is_started_when_it_is_not_any_more() {
+        let folder = tempfile::tempdir().unwrap();
+        let file = folder.path().join("true");
+        fs::copy("/bin/true", &file).unwrap();
+        let writing = fs::OpenOptions::new().append(true).open(&file).unwrap();
+        let here = Here::new("here", StateDirectory::new(folder.path()));
+        let program = Program::new(&file, Vec::<String>::new());
+        // On one thread: the first try is over before the file is closed.
+        let (started, ()) = tokio::join!(here.start(&program), async move { drop(writing) });
+        let exit = started.unwrap().end.wait().await.unwrap();
+        assert!(exit.success(), "{exit:?}");
     }
 }
