@@ -189,7 +189,15 @@ impl Place {
     }
 
     fn of(fate: Fate, slurm: Slurm) -> Self {
-        let folder = tempfile::tempdir().unwrap();
+        Self::at(tempfile::tempdir().unwrap(), FakeBatch::with(fate), slurm)
+    }
+
+    /// As another `matrix` finds it, which has seen nothing of the queue yet.
+    fn again(self) -> Self {
+        Self::at(self.folder, self.system, Slurm::default())
+    }
+
+    fn at(folder: TempDir, system: Arc<FakeBatch>, slurm: Slurm) -> Self {
         let state = StateDirectory::new(folder.path());
         let nodes = SlurmNodes {
             slurm: Slurm {
@@ -202,7 +210,6 @@ impl Place {
         };
         let submit: Arc<dyn Host> = Arc::new(Here::new("lab", state.clone()));
         let host: Arc<dyn Host> = Arc::new(SlurmHost::new(submit, nodes.clone(), state));
-        let system = FakeBatch::with(fate);
         let cluster = Arc::new(Cluster::new(Arc::clone(&system) as Arc<dyn BatchSystem>));
         Self {
             jobs: Jobs::on("simulated", &host, &nodes, cluster),
@@ -266,6 +273,7 @@ async fn what_a_forgotten_job_left_is_found_and_one_that_never_began_is_nothing(
     to_the_end(&mut environment).await;
     drop(environment);
     place.system.forget();
+    let place = place.again();
     let mut found = place.jobs.find(&request).await.unwrap().unwrap();
     assert!(!found.running());
     assert!(to_the_end(&mut found).await.1.success);
@@ -275,6 +283,7 @@ async fn what_a_forgotten_job_left_is_found_and_one_that_never_began_is_nothing(
     drop(place.jobs.create(&second).await.unwrap());
     place.system.cancel("1").await.unwrap();
     place.system.forget();
+    let place = place.again();
     assert!(place.jobs.find(&second).await.unwrap().is_none());
 }
 
