@@ -302,7 +302,7 @@ fn as_text(title: &str, answer: &Examination) -> String {
         let missing = if check.required {
             "MISSING"
         } else {
-            "missing, recorded with the results"
+            "missing; the experiment runs without it"
         };
         let standing = if check.available { "there" } else { missing };
         item(
