@@ -248,7 +248,7 @@ impl BatchSystem for SlurmCommands {
         arguments.extend(narrowed);
         let said = self.ask("asking for its nodes", "sinfo", arguments).await?;
         let (names, out_of_service) = answers::nodes(&said, job.wishes.partition.is_some());
-        // Constraints are expressions, and reservations and accounts have rules: Slurm itself tells of each node.
+        // Constraints are expressions, and reservations and accounts have rules: Slurm itself answers for each node.
         let fit = names.iter().map(|name| self.could_run_on(job, name));
         let fit = try_join_all(fit).await?;
         let fitting = std::iter::zip(names, fit).filter(|(_, fits)| *fits);

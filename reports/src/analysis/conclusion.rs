@@ -17,12 +17,16 @@
 use record::axis::{HARDWARE, NODE, OS, VIRTUALIZATION};
 use serde::Serialize;
 use statistics::{
-    effect::{self, CONFIDENCE, Estimate, Interval},
+    effect::{CONFIDENCE, Estimate, Interval},
     multiplicity::holm,
     relabelling::{Coverage, Effort, PermutationTest, Relabellings, labellings},
 };
 
-use crate::analysis::{sample::Sample, scenario::ScenarioReport, setup::SetupDifference};
+use crate::analysis::{
+    sample::{Sample, levels},
+    scenario::ScenarioReport,
+    setup::SetupDifference,
+};
 
 /// Two values of an axis, compared within strata.
 #[derive(Debug, Clone, PartialEq)]
@@ -86,11 +90,7 @@ pub fn conclusions(
 ) -> Vec<Conclusion> {
     let with_data: Vec<(&ScenarioReport, Vec<f64>)> = scenarios
         .iter()
-        .map(|scenario| {
-            let own = samples.iter().filter(|sample| sample.scenario == scenario.id);
-            let windows: Vec<&[f64]> = own.map(|sample| sample.values.as_slice()).collect();
-            (scenario, effect::levels(&windows))
-        })
+        .map(|scenario| (scenario, levels(samples, &scenario.id)))
         .filter(|(_, levels)| !levels.is_empty())
         .collect();
     let mut found = Vec::new();

@@ -1,10 +1,13 @@
 //! Whether scenarios are what the matrix file expects of them (`report.expect`). The main type is [`ExpectedMean`].
 
-use record::report_settings::ReportSettings;
+use record::{report_settings::ReportSettings, run_directory::PlannedScenario};
 use statistics::effect::{self, Estimate};
 
 use crate::{
-    analysis::{quantity::Quantity, sample::Sample},
+    analysis::{
+        quantity::Quantity,
+        sample::{Sample, levels},
+    },
     input::run::Run,
 };
 
@@ -40,10 +43,9 @@ impl ExpectedMean {
     /// Of each scenario that has windows that count, and of which something is expected.
     #[must_use]
     pub fn all(run: &Run, quantity: &Quantity, samples: &[Sample], settings: &ReportSettings) -> Vec<Self> {
-        let of = |planned: &record::run_directory::PlannedScenario| {
+        let of = |planned: &PlannedScenario| {
             let expectation = settings.expected(&quantity.name, planned)?;
-            let own = samples.iter().filter(|sample| sample.scenario == planned.id);
-            let levels = effect::levels(&own.map(|sample| sample.values.as_slice()).collect::<Vec<_>>());
+            let levels = levels(samples, &planned.id);
             let mean = effect::level(&levels)?;
             let [low, high] = expectation.limits();
             Some(Self {

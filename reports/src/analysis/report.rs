@@ -6,8 +6,6 @@ use record::{
     experiment::Compare, family::Member, report_settings::ReportSettings, run_directory::Difference,
 };
 
-use statistics::effect::level;
-
 use crate::{
     analysis::{
         agreement::Agreement,
@@ -22,7 +20,7 @@ use crate::{
         pairs::Pairs,
         quantity::Quantity,
         replicates::Replicates,
-        sample::{Sample, samples},
+        sample::{Sample, levels, samples},
         scenario::{ScenarioReport, scenario_report},
         setup::SetupDifference,
     },
@@ -207,8 +205,7 @@ impl Report {
     /// The means of a scenario's windows that count, by its letter.
     #[must_use]
     pub fn levels(&self, id: &str) -> Vec<f64> {
-        let samples = self.samples.iter().filter(|sample| sample.scenario == id);
-        samples.filter_map(|sample| level(&sample.values)).collect()
+        levels(&self.samples, id)
     }
 
     /// The letters of the pairs of the family that differ.

@@ -51,6 +51,13 @@ pub fn samples(run: &Run, settings: &ReportSettings, quantity: &Quantity) -> Vec
         .collect()
 }
 
+/// The means of a scenario's windows that count, by its letter.
+#[must_use]
+pub fn levels(samples: &[Sample], scenario: &str) -> Vec<f64> {
+    let own = samples.iter().filter(|sample| sample.scenario == scenario);
+    own.filter_map(|sample| effect::level(&sample.values)).collect()
+}
+
 /// The values of a window, and how many before them are left out.
 fn values(
     record: &WindowRecord,

@@ -11,13 +11,13 @@ use record::{
 };
 use serde::{Deserialize, Serialize};
 use serde_json::{Value, json};
-use statistics::effect::{level, median};
+use statistics::effect::median;
 
 use crate::{
     analysis::{
         agreement::files,
         quantity::Quantity,
-        sample::{Sample, samples},
+        sample::{Sample, levels, samples},
     },
     drift::Metric,
     input::{
@@ -130,9 +130,7 @@ impl Night {
             let planned = &scenario.planned;
             let mut values = BTreeMap::<Metric, Vec<f64>>::new();
             for (metric, _, samples) in &followed {
-                let own = samples.iter().filter(|sample| sample.scenario == planned.id);
-                let levels = own.filter_map(|sample| level(&sample.values)).collect();
-                values.insert(metric.clone(), levels);
+                values.insert(metric.clone(), levels(samples, &planned.id));
             }
             let contents = contents(scenario, &quantities);
             let counts = values.values().any(|levels| !levels.is_empty())

@@ -1,5 +1,7 @@
 //! What Slurm's tools print, as types. Pure.
 
+use std::collections::BTreeSet;
+
 use record::run_directory::Standing;
 
 use crate::batch::{Forecast, Job, JobOwner};
@@ -93,11 +95,13 @@ pub fn forecast(words: &str) -> Forecast {
 pub fn nodes(said: &str, is_named: bool) -> (Vec<String>, Vec<(String, String)>) {
     let mut in_service = Vec::new();
     let mut out_of_service = Vec::new();
+    // A node of several partitions that were named has a line for each.
+    let mut seen = BTreeSet::new();
     for line in said.lines() {
         let [node, partition, state] = line.splitn(3, '|').collect::<Vec<_>>()[..] else {
             continue;
         };
-        if !is_named && !partition.trim().ends_with('*') {
+        if (!is_named && !partition.trim().ends_with('*')) || !seen.insert(node) {
             continue;
         }
         // A star or another sign behind it says that the node does not answer, sleeps or is to be started anew.
@@ -279,6 +283,7 @@ mod tests {
         let out: Vec<_> = out.iter().map(|(node, state)| (&node[..], &state[..])).collect();
         assert_eq!(out, [("n2", "down"), ("n5", "drained")]);
         assert_eq!(nodes("n3|brief|idle~", true).0, ["n3"]);
+        assert_eq!(nodes("n3|brief|idle\nn3|lab|idle", true).0, ["n3"]);
     }
 
     /// The table of docs/clusters.md.
