@@ -22,7 +22,7 @@ use orchestrator::{
     main_with,
     provider::{
         Availability, Environment, EnvironmentRequest, Leftover, Making, Provider, ProviderError,
-        ProviderKind, detached::HostProcesses,
+        ProviderKind, ShellRequest, detached::HostProcesses,
     },
 };
 use record::{connection::SshAddress, run_directory::Resource, settings::Need};
@@ -168,8 +168,8 @@ impl Provider for Nice {
         self.processes.find(request).await
     }
 
-    async fn shell(&self, environment: &str) -> Result<Program, ProviderError> {
-        self.processes.shell(environment).await
+    async fn shell(&self, request: &ShellRequest<'_>) -> Result<Program, ProviderError> {
+        self.processes.shell(request).await
     }
 
     async fn leftovers(&self) -> Result<Vec<Leftover>, ProviderError> {

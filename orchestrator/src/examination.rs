@@ -22,7 +22,7 @@ use crate::{
     provider::{
         Availability, Catalogue, ProviderError, ProviderSettings, Providers,
         detached::{AgentClient, ClockReading},
-        jobs::{Jobs, ProbedNode},
+        jobs::{JobWorkload, Jobs, ProbedNode},
     },
     state_directory::StateDirectory,
     survey,
@@ -127,7 +127,7 @@ async fn checks(
             Ok(record.checks)
         }
         (Some(nodes), Probing::SubmitsJobs) => {
-            let jobs = Jobs::new(NATIVE, host, nodes, &Clusters::default());
+            let jobs = Jobs::new(NATIVE, JobWorkload::Process, host, nodes, &Clusters::default());
             let ProbedNode {
                 mut checks,
                 host: node,

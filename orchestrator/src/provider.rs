@@ -40,6 +40,7 @@ use record::{
     progress::Progress,
     run_directory::{JobStanding, Resource},
     settings::{Need, Settings},
+    virtual_host::VirtualHost,
 };
 use serde_json::{Map, Value};
 
@@ -124,6 +125,51 @@ impl EnvironmentRequest {
     }
 }
 
+/// The shell that a person asks for.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct ShellRequest<'a> {
+    /// The name of an environment that was kept.
+    pub environment: &'a str,
+    /// What was measured in it.
+    pub settings: &'a Settings,
+    /// The host of the experiment's network to be in. The network is made anew for the shell: that of the measurement is gone.
+    pub virtual_host: Option<VirtualHost>,
+    /// The image whose shell it is, where an environment is a container.
+    pub image: Option<&'a str>,
+}
+
+impl ShellRequest<'_> {
+    /// For a provider that has no network for a shell.
+    ///
+    /// # Errors
+    /// When one is asked for.
+    pub fn in_no_network(&self, provider: &str) -> Result<(), ProviderError> {
+        let Some(host) = self.virtual_host else {
+            return Ok(());
+        };
+        Err(ProviderError::Unsupported {
+            provider: provider.to_owned(),
+            reason: format!("`{host}` can be entered where an environment is native, and this one is not"),
+            hint: Some("leave `--virtual-host` out, or enter a native scenario of the run".to_owned()),
+        })
+    }
+
+    /// For a provider whose environments are not made of images.
+    ///
+    /// # Errors
+    /// When one is asked for.
+    pub fn of_no_image(&self, provider: &str) -> Result<(), ProviderError> {
+        match self.image {
+            None => Ok(()),
+            Some(_) => Err(ProviderError::Unsupported {
+                provider: provider.to_owned(),
+                reason: "its environments are no containers".to_owned(),
+                hint: Some("leave `--image` out".to_owned()),
+            }),
+        }
+    }
+}
+
 /// Makes environments of one kind on one host.
 #[async_trait]
 pub trait Provider: Send + Sync {
@@ -159,8 +205,8 @@ pub trait Provider: Send + Sync {
     /// A shell in an environment that exists, for a person: a program of the host's that wants a terminal.
     ///
     /// # Errors
-    /// When there is no shell in it.
-    async fn shell(&self, environment: &str) -> Result<Program, ProviderError>;
+    /// When there is no shell in it, or not the one that is asked for.
+    async fn shell(&self, request: &ShellRequest<'_>) -> Result<Program, ProviderError>;
 
     /// How many windows one environment can measure with these settings; none where any number of them.
     ///

@@ -26,7 +26,11 @@ use crate::{
     host::{self, Host},
     matrix_file::{self, Code, Diagnostic, Diagnostics, MatrixFile},
     plan::{HostFacts, Obstacle, ProviderFacts, Questions},
-    provider::{Availability, Provider, Providers, detached::AgentClient, jobs::Jobs},
+    provider::{
+        Availability, Provider, Providers,
+        detached::AgentClient,
+        jobs::{JobWorkload, Jobs},
+    },
     state_directory::StateDirectory,
 };
 
@@ -51,7 +55,7 @@ pub async fn split_clusters(file: &mut MatrixFile) -> Result<(), Diagnostics> {
         let span = said.name.span;
         let host = host::of(said_of(said), &state);
         let Some(wanted) = host.nodes() else { continue };
-        let jobs = Jobs::new(NATIVE, &host, wanted, &Clusters::default());
+        let jobs = Jobs::new(NATIVE, JobWorkload::Process, &host, wanted, &Clusters::default());
         match jobs.fitting_nodes().await {
             Ok(FittingNodes { fit, out_of_service }) => {
                 for (node, state) in out_of_service {

@@ -72,6 +72,14 @@ impl Cluster {
         script("cluster", &[if runs { "controller" } else { "no-controller" }]);
     }
 
+    /// Lets its user use the Docker Engine that all nodes have. A cluster that has just started does not.
+    ///
+    /// # Panics
+    /// When there is none.
+    pub fn share_the_engine(&self) {
+        script("cluster", &["engine"]);
+    }
+
     /// The jobs of its user that have not ended: number, state, node and name of each.
     ///
     /// # Panics

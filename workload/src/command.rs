@@ -18,7 +18,11 @@ mod program;
 use std::{
     fs, io,
     path::{Path, PathBuf},
-    sync::{Arc, atomic::AtomicBool},
+    sync::{
+        Arc,
+        atomic::{AtomicBool, Ordering},
+    },
+    thread,
     time::{Duration, Instant},
 };
 
@@ -53,6 +57,9 @@ use crate::{
     removal::remove_all,
     virtual_hosts,
 };
+
+/// How often it is looked whether a rehearsal is to end.
+const LOOK_EVERY: Duration = Duration::from_millis(100);
 
 /// A command that is run for each window.
 pub struct Command;
@@ -113,6 +120,21 @@ impl Experiment for Command {
         }
         Ok(ending)
     }
+}
+
+/// The network of a command's nodes, up until `stop` is set.
+///
+/// # Errors
+/// If the platform lacks something.
+pub fn rehearse(settings: &Settings, reporter: &Reporter, stop: &AtomicBool) -> Result<(), ExperimentError> {
+    // Nobody reads what captures have.
+    let mut settings = settings.clone();
+    settings.capture.enabled = false;
+    let _emulation = Emulation::open(&settings, reporter)?;
+    while !stop.load(Ordering::Relaxed) {
+        thread::sleep(LOOK_EVERY);
+    }
+    Ok(())
 }
 
 /// Where commands run and write.

@@ -16,6 +16,7 @@
 //! read and answer; a failure is one line of JSON on standard error. The main function is [`run`].
 
 mod collect;
+mod container;
 mod descriptor;
 mod ended;
 mod error;

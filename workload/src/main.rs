@@ -6,6 +6,7 @@ use std::{
     borrow::Cow,
     ffi::OsString,
     io::{self, Write},
+    os::unix::process::ExitStatusExt as _,
     process::ExitCode,
     sync::{
         Arc,
@@ -16,7 +17,7 @@ use std::{
 use clap::{Args, Parser, Subcommand, builder::PossibleValuesParser};
 use nix::sys::signal::{SigSet, Signal};
 use record::{
-    call::{Check, Detached, Run},
+    call::{Check, Detached, Rehearse, Run, Shell},
     causes::with_causes,
     exit::workload::Exit,
     limits,
@@ -30,7 +31,7 @@ use workload::{
     capabilities::spawn_after_drop,
     check, detached, enter,
     experiment::{Ending, ExperimentError, Reporter, Request},
-    experiments, network, virtual_hosts,
+    experiments, network, shell, virtual_hosts,
 };
 
 /// One networked control experiment, in one environment.
@@ -47,8 +48,11 @@ enum Command {
     Run(Run),
     /// Say whether this place can run the experiment, as JSON.
     Check(Check),
-    /// Run network, ROS master and nodes without measuring, until SIGTERM or Ctrl-C: for ROS's tools and your own nodes.
+    /// Run network, ROS master and nodes without measuring, until SIGTERM or Ctrl-C: for ROS's tools and your own nodes. Of a
+    /// command, run its network.
     Rehearse(Rehearse),
+    /// Rehearse the experiment and run a program in one of its virtual hosts: `workload shell h1`, `workload shell sta1 ping 10.0.0.1`.
+    Shell(Shell),
     /// One node of a workload that runs: what the workload starts in a virtual host where each node is a process.
     #[command(hide = true)]
     Node(Node),
@@ -57,16 +61,6 @@ enum Command {
     /// Keep a workload that goes on by itself: start it, follow it, bring its data, remove it.
     #[command(subcommand)]
     Detached(Detached),
-}
-
-#[derive(Debug, Args)]
-struct Rehearse {
-    /// The settings, as JSON; what is left out is as its `dynamics` has it.
-    #[arg(long, default_value = "{}")]
-    settings: String,
-    /// A node that is not to run, since you run yours: `plant` or `controller`; twice for both.
-    #[arg(long, value_parser = PossibleValuesParser::new(Part::ALL.map(Part::name)))]
-    without: Vec<String>,
 }
 
 #[derive(Debug, Args)]
@@ -121,6 +115,7 @@ fn main() -> ExitCode {
         Command::Run(call) => run(call),
         Command::Check(call) => check(&call),
         Command::Rehearse(call) => rehearse(&call),
+        Command::Shell(call) => shell(&call),
         Command::Node(call) => node(&call),
         Command::Enter(call) => enter(&call),
         Command::Detached(call) => {
@@ -131,7 +126,7 @@ fn main() -> ExitCode {
 }
 
 fn run(call: Run) -> ExitCode {
-    let data = call.data.clone();
+    let (data, ends_with_input) = (call.data.clone(), call.ends_with_input);
     let request = request(call);
     // While this is the only thread: the kernel asks for that, and the threads to come inherit the blocked signals.
     let begun = request
@@ -154,6 +149,10 @@ fn run(call: Run) -> ExitCode {
                 .and_then(|()| Ok(limits::check()?))
                 .and(begun)
                 .and_then(|()| set_when_told(ends, &stop))
+                .and_then(|()| match ends_with_input {
+                    true => set_when_input_ends(&stop),
+                    false => Ok(()),
+                })
                 .and_then(|()| experiments::of(&request.settings).run(&request, &reporter, &stop));
             report_outcome(&reporter, outcome)
         }
@@ -263,12 +262,36 @@ fn rehearse(call: &Rehearse) -> ExitCode {
             let outcome = namespace_root
                 .map_err(ExperimentError::from)
                 .and_then(|()| set_when_told(ends, &stop))
-                .and_then(|()| ball_on_plate::rehearse(&settings, &without, &reporter, &stop));
+                .and_then(|()| experiments::rehearse(&settings, &without, &reporter, &stop));
             report_outcome(&reporter, outcome.map(|()| Ending::Finished))
         }
     };
     reporter.finish();
     exit.into()
+}
+
+fn shell(call: &Shell) -> ExitCode {
+    // Ctrl-C is for the program that runs in the host.
+    let _ = SigSet::from_iter([Signal::SIGINT]).thread_block();
+    let outcome = match read_settings(&call.settings) {
+        Ok(settings) => shell::run(call, &settings),
+        Err(wrong) => {
+            complain(&with_causes(&wrong), wrong.hint().as_deref());
+            return Exit::WrongCall.into();
+        }
+    };
+    match outcome {
+        // As a shell says it of a program that a signal has ended.
+        Ok(ended) => ended
+            .code()
+            .or_else(|| Some(128 + ended.signal()?))
+            .and_then(|code| u8::try_from(code).ok())
+            .map_or_else(|| Exit::Failed.into(), ExitCode::from),
+        Err(error) => {
+            complain(&with_causes(&error), error.hint());
+            Exit::Failed.into()
+        }
+    }
 }
 
 /// It ends with its input, and not by a signal that is meant for the workload.
@@ -314,12 +337,28 @@ fn block_signals() -> SigSet {
 
 /// Sets `stop` when one of the signals comes.
 fn set_when_told(ends: SigSet, stop: &Arc<AtomicBool>) -> Result<(), ExperimentError> {
+    set_after("signals", stop, move || {
+        let _ = ends.wait();
+    })
+}
+
+/// Sets `stop` when nobody holds standard input open any more.
+fn set_when_input_ends(stop: &Arc<AtomicBool>) -> Result<(), ExperimentError> {
+    set_after("input", stop, || {
+        let _ = io::copy(&mut io::stdin(), &mut io::sink());
+    })
+}
+
+/// Sets `stop` when that returns, which a thread of its own waits for.
+fn set_after(
+    name: &'static str,
+    stop: &Arc<AtomicBool>,
+    returns: impl FnOnce() + Send + 'static,
+) -> Result<(), ExperimentError> {
     let stop = Arc::clone(stop);
-    let name = "signals";
     let watcher = spawn_after_drop(name, move || {
-        if ends.wait().is_ok() {
-            stop.store(true, Ordering::Relaxed);
-        }
+        returns();
+        stop.store(true, Ordering::Relaxed);
     });
     watcher.map_err(|source| ExperimentError::Thread {
         name: name.into(),

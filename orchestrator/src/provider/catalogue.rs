@@ -14,7 +14,7 @@ use super::{
     asked_right::AskedRight,
     docker::Docker,
     fake::Fake,
-    jobs::Jobs,
+    jobs::{JobWorkload, Jobs},
     native::Native,
     settings::ProviderSettings,
     simulated::Simulated,
@@ -29,13 +29,14 @@ use crate::{batch::Clusters, host::Host, state_directory::StateDirectory};
 /// The providers of this crate, in the order of messages and of the schema.
 static BUILT_IN: &[ProviderKind] = &[
     ProviderKind {
-        as_job: true,
+        as_job: Some(|_| JobWorkload::Process),
         ..ProviderKind::new("native", |making| {
             Ok(Box::new(Native::new(Arc::clone(making.host))))
         })
     },
     ProviderKind {
         column: true,
+        as_job: Some(|settings| JobWorkload::Container(Box::new(settings.docker.clone()))),
         rights: |settings| settings.docker.asked_rights(),
         ..ProviderKind::new("docker", |making| {
             Ok(Box::new(Docker::on(making.host, making.settings.docker.clone())))
@@ -119,7 +120,7 @@ static BUILT_IN: &[ProviderKind] = &[
     },
     ProviderKind {
         simulated: true,
-        as_job: true,
+        as_job: Some(|_| JobWorkload::Process),
         ..ProviderKind::new(SIMULATED, |making| {
             Ok(Box::new(Simulated::new(Arc::clone(making.host))))
         })
@@ -170,9 +171,9 @@ pub struct ProviderKind {
     pub hosts: Hosts,
     /// Whether its numbers are computed and not measured: reports then begin with that.
     pub simulated: bool,
-    /// Whether its environments are nothing but a workload's process, which a job of a batch system can be. On a host that stands for
-    /// a cluster's nodes others cannot be made.
-    pub as_job: bool,
+    /// What a job of a batch system is to start, where its environments can be jobs. On a host that stands for a cluster's nodes
+    /// others cannot be made.
+    pub as_job: Option<fn(&ProviderSettings) -> JobWorkload>,
     /// The rights that its settings ask for, which `matrix plan` lists.
     pub rights: fn(&ProviderSettings) -> Vec<AskedRight>,
     /// Whether the table of hosts of `matrix doctor` has a column for it. Vagrant's providers share one.
@@ -193,7 +194,7 @@ impl ProviderKind {
             make,
             hosts: Hosts::All,
             simulated: false,
-            as_job: false,
+            as_job: None,
             rights: |_| Vec::new(),
             column: false,
             check: no_settings,
@@ -212,13 +213,17 @@ impl ProviderKind {
         state: &StateDirectory,
         clusters: &Clusters,
     ) -> Result<Box<dyn Provider>, ProviderError> {
-        match host.nodes().filter(|_| self.hosts == Hosts::All) {
-            Some(nodes) if self.as_job => Ok(Box::new(Jobs::new(self.name, host, nodes, clusters))),
-            Some(_) => Err(ProviderError::Unsupported {
+        let nodes = host.nodes().filter(|_| self.hosts == Hosts::All);
+        match nodes.map(|nodes| (nodes, self.as_job)) {
+            Some((nodes, Some(workload))) => {
+                Ok(Box::new(Jobs::new(self.name, workload(settings), host, nodes, clusters)))
+            }
+            Some((_, None)) => Err(ProviderError::Unsupported {
                 provider: self.name.to_owned(),
-                reason: format!("nothing but a process can be a job of the cluster behind `{}`", host.name()),
+                reason: format!("no job of the cluster behind `{}` can make its machines", host.name()),
                 hint: Some(
-                    "measure `native` there, and name a node that you can log in to as a host of its own for the others".to_owned(),
+                    "measure `native` or `docker` there, and name a node that you can log in to as a host of its own for the others"
+                        .to_owned(),
                 ),
             }),
             None => (self.make)(&Making {

@@ -16,7 +16,7 @@ use std::{sync::Arc, time::Duration};
 use record::{
     call::{Detached, Follow, Remove, Root, Which},
     check::CheckRecord,
-    detached::{self, Ending, Failure, Listed, Looked, Removed, Start, Started, Stopping},
+    detached::{self, Ending, Failure, JobContainer, Listed, Looked, Removed, Start, Started, Stopping},
     quantity::TimeSpan,
     settings::Need,
 };
@@ -75,18 +75,23 @@ impl AgentClient {
     ) -> Result<Started, ProviderError> {
         let environment = &request.environment;
         let call = |root| Detached::Start(which(root, environment));
-        self.ask("starting the workload", call, &asked_for(provider, request))
+        self.ask("starting the workload", call, &asked_for(provider, request, None))
             .await
     }
 
-    /// Makes an environment for a provider whose workload a job is to start.
+    /// Makes an environment for a provider whose workload a job is to start, in a container if there is one.
     ///
     /// # Errors
     /// When there is one of that name already, or the host refuses.
-    pub async fn prepare(&self, provider: &str, request: &EnvironmentRequest) -> Result<(), ProviderError> {
+    pub async fn prepare(
+        &self,
+        provider: &str,
+        request: &EnvironmentRequest,
+        container: Option<JobContainer>,
+    ) -> Result<(), ProviderError> {
         let environment = &request.environment;
         let call = |root| Detached::Prepare(which(root, environment));
-        let input = asked_for(provider, request);
+        let input = asked_for(provider, request, container);
         self.answered("preparing the environment", call, &input)
             .await
             .map(drop)
@@ -306,10 +311,11 @@ fn read_answer<A: DeserializeOwned>(name: &str, answer: &[u8]) -> Result<A, Prov
 }
 
 /// What the agent reads to make an environment.
-fn asked_for(provider: &str, request: &EnvironmentRequest) -> Vec<u8> {
+fn asked_for(provider: &str, request: &EnvironmentRequest, container: Option<JobContainer>) -> Vec<u8> {
     let mut input = json(&Start {
         owner: request.owner(provider),
         settings: request.settings.clone(),
+        container,
     });
     if let Some(files) = &request.files {
         input.push(b'\n');

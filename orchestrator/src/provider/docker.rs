@@ -16,6 +16,7 @@ mod environment;
 mod folders;
 mod follow;
 mod image;
+mod job;
 mod known_images;
 mod labels;
 mod recipe;
@@ -45,6 +46,7 @@ use tokio::sync::OnceCell;
 use self::{
     engine::{Engine, Way, if_there, is_missing, translate},
     environment::{DockerEnvironment, Remains, is_being_removed},
+    folders::DATA,
     follow::{Follower, until_removed},
     image::Image,
     known_images::KnownImages,
@@ -52,13 +54,15 @@ use self::{
     settings::Base,
 };
 use super::{
-    Availability, Environment, EnvironmentRequest, Leftover, Provider, ProviderError, capability_probe,
+    Availability, Environment, EnvironmentRequest, Leftover, Provider, ProviderError, ShellRequest,
+    capability_probe,
 };
 use crate::{
     host::{Host, Program},
     state_directory::StateDirectory,
 };
 
+pub use job::container as job_container;
 pub use settings::{DockerSettings, NAME};
 
 const CONTAINER: &str = "container";
@@ -243,17 +247,8 @@ impl Provider for Docker {
             Ok(base) => base,
             Err(error) => return Some(Availability::prevented_by(error)),
         };
-        if base == Base::Nothing && !programs.is_empty() {
-            return Some(Availability::Unavailable {
-                reason: format!(
-                    "`{need}` needs {}, which the built-in image has not got",
-                    programs.join(" and ")
-                ),
-                fix: Some(
-                    "name an image that has what it needs: `providers: {docker: {image: …}}`, or do without the setting"
-                        .to_owned(),
-                ),
-            });
+        if let Some(lacking) = lacking(base, need) {
+            return Some(lacking);
         }
         let asked = async {
             let engine = self.engine().await?;
@@ -364,12 +359,14 @@ impl Provider for Docker {
         ))))
     }
 
-    async fn shell(&self, environment: &str) -> Result<Program, ProviderError> {
-        if self.settings.base()? == Base::Nothing {
+    async fn shell(&self, request: &ShellRequest<'_>) -> Result<Program, ProviderError> {
+        request.in_no_network(NAME)?;
+        let environment = request.environment;
+        if self.settings.base()? == Base::Nothing && request.image.is_none() {
             return Err(ProviderError::Unsupported {
                 provider: NAME.to_owned(),
                 reason: "the built-in image has the workload in it and no shell".to_owned(),
-                hint: Some("name one that has in `providers.docker.image`, such as `debian:12`".to_owned()),
+                hint: Some("add `--image debian:12`, or another image that the engine has: its shell is opened beside the data".to_owned()),
             });
         }
         let engine = self.engine().await?;
@@ -378,16 +375,20 @@ impl Provider for Docker {
                 what: format!("container {environment}"),
             });
         };
-        let script = match container.state.and_then(|state| state.running) {
-            Some(true) => r#"exec docker exec -i $terminal "$1" /bin/sh"#,
-            // One that has ended cannot be entered: another of its image, with its volume.
-            _ => {
-                r#"exec docker run --rm -i $terminal --network none --volumes-from "$1" --entrypoint /bin/sh "$2""#
-            }
+        let running = container.state.and_then(|state| state.running) == Some(true);
+        let script = if running && request.image.is_none() {
+            r#"exec docker exec -i $terminal "$1" /bin/sh"#
+        } else {
+            // One that has ended cannot be entered: another container, with its volumes. Nothing is pulled.
+            r#"exec docker run --rm -i $terminal --pull never --network none --volumes-from "$1" --workdir "$3" --entrypoint /bin/sh "$2""#
         };
         let script = format!("terminal=; if [ -t 0 ]; then terminal=-t; fi; {script}");
-        let image = container.image.unwrap_or_default();
-        Ok(Program::new("sh", ["-c", &script, "sh", environment, &image]))
+        let own = container.image.unwrap_or_default();
+        let image = request.image.unwrap_or(&own);
+        Ok(Program::new(
+            "sh",
+            ["-c", &script, "sh", environment, image, DATA],
+        ))
     }
 
     /// Containers first, since what they use cannot be removed before them.
@@ -523,6 +524,22 @@ async fn check_workload(engine: &Engine, container: &str, image: &Image) -> Resu
 }
 
 /// An entry point is a program of an image.
+/// Why an image without programs does not do for a need.
+#[must_use]
+pub fn lacking(base: Base<'_>, need: &Need) -> Option<Availability> {
+    let programs = need.programs();
+    (base == Base::Nothing && !programs.is_empty()).then(|| Availability::Unavailable {
+        reason: format!(
+            "`{need}` needs {}, which the built-in image has not got",
+            programs.join(" and ")
+        ),
+        fix: Some(
+            "name an image that has what it needs: `providers: {docker: {image: …}}`, or do without the setting"
+                .to_owned(),
+        ),
+    })
+}
+
 fn no_entrypoint() -> ProviderError {
     ProviderError::Unsupported {
         provider: NAME.to_owned(),

@@ -15,7 +15,7 @@ use record::{detached::Owner, run_directory::Resource};
 
 use self::environment::FakeEnvironment;
 use super::{
-    Availability, Environment, EnvironmentRequest, Leftover, Provider, ProviderError,
+    Availability, Environment, EnvironmentRequest, Leftover, Provider, ProviderError, ShellRequest,
     environment_directory::EnvironmentDirectory,
 };
 use crate::{host::Program, state_directory::StateDirectory};
@@ -99,7 +99,7 @@ impl Provider for Fake {
         )?)))
     }
 
-    async fn shell(&self, _: &str) -> Result<Program, ProviderError> {
+    async fn shell(&self, _: &ShellRequest<'_>) -> Result<Program, ProviderError> {
         Err(ProviderError::Unsupported {
             provider: NAME.to_owned(),
             reason: "there is nothing to enter".to_owned(),

@@ -26,7 +26,7 @@ use record::{
     axis::NATIVE,
     call::Check,
     connection::Nodes,
-    detached::ListedEnvironment,
+    detached::{JobContainer, ListedEnvironment},
     layout,
     run_directory::{EnvironmentRecord, JobStanding, Resource, RunDirectory, RunRecords, Standing, fact},
     settings::{Need, Settings},
@@ -41,8 +41,9 @@ use tokio::{
 use self::environment::JobEnvironment;
 pub use self::probe::ProbedNode;
 use super::{
-    Availability, Environment, EnvironmentRequest, Leftover, Provider, ProviderError, backoff,
+    Availability, Environment, EnvironmentRequest, Leftover, Provider, ProviderError, ShellRequest, backoff,
     detached::{AgentClient, DIRECTORY},
+    docker::{self, DockerSettings},
 };
 use crate::{
     batch::{Cluster, Clusters, FittingNodes, Job, JobOwner, JobRequest},
@@ -76,9 +77,28 @@ impl Memory {
     }
 }
 
+/// What the workload of a job is on its node.
+#[derive(Debug, Clone, PartialEq)]
+pub enum JobWorkload {
+    /// A process.
+    Process,
+    /// The main process of a container of the node's engine.
+    Container(Box<DockerSettings>),
+}
+
+impl JobWorkload {
+    fn container(&self, request: &EnvironmentRequest) -> Result<Option<JobContainer>, ProviderError> {
+        match self {
+            Self::Process => Ok(None),
+            Self::Container(settings) => docker::job_container(request, settings).map(Some),
+        }
+    }
+}
+
 /// The nodes of a cluster that a host stands for.
 pub struct Jobs {
     provider: &'static str,
+    workload: JobWorkload,
     host: Arc<dyn Host>,
     nodes: SlurmNodes,
     agent: Arc<AgentClient>,
@@ -105,16 +125,24 @@ impl Jobs {
     #[must_use]
     pub fn new(
         provider: &'static str,
+        workload: JobWorkload,
         host: &Arc<dyn Host>,
         nodes: &SlurmNodes,
         clusters: &Clusters,
     ) -> Self {
-        Self::on(provider, host, nodes, clusters.of(&nodes.slurm, host))
+        Self::on(provider, workload, host, nodes, clusters.of(&nodes.slurm, host))
     }
 
-    fn on(provider: &'static str, host: &Arc<dyn Host>, nodes: &SlurmNodes, cluster: Arc<Cluster>) -> Self {
+    fn on(
+        provider: &'static str,
+        workload: JobWorkload,
+        host: &Arc<dyn Host>,
+        nodes: &SlurmNodes,
+        cluster: Arc<Cluster>,
+    ) -> Self {
         Self {
             provider,
+            workload,
             host: Arc::clone(host),
             nodes: nodes.clone(),
             agent: Arc::new(AgentClient::new(Arc::clone(host))),
@@ -171,6 +199,20 @@ impl Jobs {
             minutes: time::minutes(&request.settings, request.windows.len(), longest),
             ..self.any_job().await?
         })
+    }
+
+    /// An environment to ask about.
+    fn any_environment(&self) -> EnvironmentRequest {
+        EnvironmentRequest {
+            environment: "matrix-plan".to_owned(),
+            run: "plan".to_owned(),
+            run_directory: "/".into(),
+            scenario: "any".to_owned(),
+            host: self.agent.host().to_owned(),
+            settings: Settings::default(),
+            windows: Vec::new(),
+            files: None,
+        }
     }
 
     /// A job that nothing but the cluster stands in the way of, to ask about.
@@ -322,7 +364,7 @@ impl Jobs {
         request: &EnvironmentRequest,
         job: JobStanding,
     ) -> Result<Box<dyn Environment>, ProviderError> {
-        let facts = Map::from_iter([
+        let mut facts = Map::from_iter([
             (fact::PROVIDER.to_owned(), json!(self.provider)),
             (
                 fact::WORKLOAD_SHA256.to_owned(),
@@ -332,6 +374,9 @@ impl Jobs {
             (fact::JOB_WISHES.to_owned(), json!(self.nodes.slurm.wishes())),
             (fact::JOB.to_owned(), json!(job.job)),
         ]);
+        if let JobWorkload::Container(settings) = &self.workload {
+            facts.insert("limits".to_owned(), json!(settings));
+        }
         Ok(Box::new(JobEnvironment::new(
             environment::Parts {
                 agent: Arc::clone(&self.agent),
@@ -424,6 +469,8 @@ impl Provider for Jobs {
             let forecast = self.cluster.system.forecast(&self.any_job().await?).await?;
             // Whether there is a workload for the nodes is known before anything is submitted.
             self.programs().await?;
+            // Whether its node has an engine is known to nobody before a job runs there.
+            self.workload.container(&self.any_environment())?;
             Ok::<_, ProviderError>(match (forecast.node, forecast.start) {
                 (Some(node), Some(start)) => format!("{version}, a job would start at {start} on {node}"),
                 (_, Some(start)) => format!("{version}, a job would start at {start}"),
@@ -433,6 +480,16 @@ impl Provider for Jobs {
         match asking.await {
             Ok(detail) => Availability::Available { detail },
             Err(error) => Availability::prevented_by(error),
+        }
+    }
+
+    async fn survey_need(&self, need: &Need) -> Option<Availability> {
+        match &self.workload {
+            JobWorkload::Process => None,
+            JobWorkload::Container(settings) => match settings.base() {
+                Ok(base) => docker::lacking(base, need),
+                Err(error) => Some(Availability::prevented_by(error)),
+            },
         }
     }
 
@@ -451,7 +508,8 @@ impl Provider for Jobs {
             job.after = memory.before_the_next(self.at_once()).cloned();
             job.not_on.clone_from(&memory.lost);
         }
-        self.agent.prepare(self.provider, request).await?;
+        let container = self.workload.container(request)?;
+        self.agent.prepare(self.provider, request, container).await?;
         let number = self.cluster.system.submit(&job).await?;
         self.remembered().submit(number.clone(), self.at_once());
         let job = JobStanding {
@@ -505,7 +563,10 @@ impl Provider for Jobs {
         }
     }
 
-    async fn shell(&self, environment: &str) -> Result<Program, ProviderError> {
+    async fn shell(&self, request: &ShellRequest<'_>) -> Result<Program, ProviderError> {
+        request.in_no_network(self.provider)?;
+        request.of_no_image(self.provider)?;
+        let environment = request.environment;
         let (looked, _) = self.agent.look(environment, 0).await?;
         let jobs = self.cluster.queue.now().await?;
         let job = jobs

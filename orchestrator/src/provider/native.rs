@@ -10,7 +10,7 @@ use record::{run_directory::Resource, settings::Need};
 use serde_json::Map;
 
 use super::{
-    Availability, Environment, EnvironmentRequest, Leftover, Provider, ProviderError,
+    Availability, Environment, EnvironmentRequest, Leftover, Provider, ProviderError, ShellRequest,
     detached::{DIRECTORY, HostProcesses},
 };
 use crate::host::{Host, Program};
@@ -69,8 +69,8 @@ impl Provider for Native {
         self.processes.find(request).await
     }
 
-    async fn shell(&self, environment: &str) -> Result<Program, ProviderError> {
-        self.processes.shell(environment).await
+    async fn shell(&self, request: &ShellRequest<'_>) -> Result<Program, ProviderError> {
+        self.processes.shell(request).await
     }
 
     async fn leftovers(&self) -> Result<Vec<Leftover>, ProviderError> {

@@ -12,7 +12,8 @@ use serde::{Deserialize, Serialize};
 use serde_json::Map;
 
 use super::{
-    Availability, Environment, EnvironmentRequest, Leftover, Provider, ProviderError, detached::HostProcesses,
+    Availability, Environment, EnvironmentRequest, Leftover, Provider, ProviderError, ShellRequest,
+    detached::HostProcesses,
 };
 use crate::host::{Host, Program};
 
@@ -77,8 +78,9 @@ impl Provider for Simulated {
         self.processes.find(request).await
     }
 
-    async fn shell(&self, environment: &str) -> Result<Program, ProviderError> {
-        self.processes.shell(environment).await
+    async fn shell(&self, request: &ShellRequest<'_>) -> Result<Program, ProviderError> {
+        request.in_no_network(self.name())?;
+        self.processes.shell(request).await
     }
 
     async fn leftovers(&self) -> Result<Vec<Leftover>, ProviderError> {

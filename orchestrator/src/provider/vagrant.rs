@@ -31,7 +31,7 @@ use self::{
     machine::{Machine, MachineFolders},
 };
 use super::{
-    Availability, Ended, Environment, EnvironmentRequest, Leftover, Provider, ProviderError,
+    Availability, Ended, Environment, EnvironmentRequest, Leftover, Provider, ProviderError, ShellRequest,
     detached::{AgentClient, ClockReading, DetachedEnvironment},
 };
 use crate::host::{Host, Program};
@@ -212,8 +212,10 @@ impl Provider for Vagrant {
         }
     }
 
-    async fn shell(&self, environment: &str) -> Result<Program, ProviderError> {
-        Ok(self.machine(environment).await?.shell())
+    async fn shell(&self, request: &ShellRequest<'_>) -> Result<Program, ProviderError> {
+        request.in_no_network(self.provider)?;
+        request.of_no_image(self.provider)?;
+        Ok(self.machine(request.environment).await?.shell())
     }
 
     async fn leftovers(&self) -> Result<Vec<Leftover>, ProviderError> {

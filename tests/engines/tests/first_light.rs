@@ -1,9 +1,9 @@
 //! The whole way through on the real engines: native and Docker, from a matrix file to the paper's tables.
 
-use std::process::Command;
+use std::{fs::File, process::Command};
 
 use serde_json::Value;
-use tests::{WHOLE_WINDOWS_COUNT, Workplace};
+use tests::{Ran, WHOLE_WINDOWS_COUNT, Workplace};
 
 /// Windows of eight periods of one second: the test can reject at that size, and the way through is the whole way.
 const MATRIX: &str = "\
@@ -145,6 +145,58 @@ fn every_message_of_the_logs_is_in_the_captures(workplace: &Workplace, directory
         let columnar = std::fs::read(scenario["files"][1].as_str().unwrap()).unwrap();
         assert!(columnar.starts_with(b"PAR1") && columnar.ends_with(b"PAR1"));
     }
+}
+
+/// Removed when dropped: an image of this machine's shell and `ls`, with what they are linked with.
+struct ShellImage(String);
+
+impl ShellImage {
+    fn make() -> Self {
+        let name = format!("shell-of-a-test-{}:1", std::process::id());
+        let script = r#"tar -chP /bin/sh /bin/ls $(ldd /bin/sh /bin/ls | grep -o ' /[^ ]*\|^.*/lib64[^ ]*' | sort -u) | docker import - "$1""#;
+        let made = Command::new("sh")
+            .args(["-c", script, "sh", &name])
+            .output()
+            .unwrap();
+        assert!(made.status.success(), "{made:?}");
+        Self(name)
+    }
+}
+
+impl Drop for ShellImage {
+    fn drop(&mut self) {
+        let _ = Command::new("docker").args(["rmi", &self.0]).output();
+    }
+}
+
+#[test]
+fn the_data_of_a_container_that_was_kept_are_looked_at_from_an_image_with_a_shell() {
+    let workplace = Workplace::measuring();
+    workplace.write(
+        "m.yaml",
+        MATRIX
+            .replace("[native, docker, virtualbox]", "[docker]")
+            .replace("windows: 4", "windows: 1"),
+    );
+    let ran = workplace.run(&["run", "m.yaml", "--keep", "always"]);
+    assert_eq!(ran.code, Some(0), "{ran:?}");
+    let without = workplace.run(&["shell", "a"]);
+    assert_eq!(without.code, Some(3), "{without:?}");
+    assert!(without.err.contains("`--image debian:12`"), "{without:?}");
+    let image = ShellImage::make();
+    workplace.write("typed", "pwd; ls; exit 7\n");
+    let typed = File::open(workplace.path().join("typed")).unwrap();
+    let mut shell = workplace.matrix(["shell", "a", "--image", &image.0]);
+    let entered = Ran::of(shell.stdin(typed).output().unwrap());
+    assert_eq!(entered.code, Some(7), "{entered:?}");
+    assert!(entered.out.starts_with("/data\n"), "{entered:?}");
+    assert!(entered.out.contains("window-1"), "{entered:?}");
+    // Nothing is pulled.
+    let mut shell = workplace.matrix(["shell", "a", "--image", "nobody-has-it:1"]);
+    let refused = Ran::of(shell.output().unwrap());
+    assert_eq!(refused.code, Some(125), "{refused:?}");
+    let cleaned = workplace.run(&["clean"]);
+    assert_eq!(cleaned.code, Some(0), "{cleaned:?}");
 }
 
 /// What the engine has with a label of ours.

@@ -574,14 +574,125 @@ fn what_the_cluster_does_not_have_is_told_before_anything_is_submitted() {
     assert_eq!(ran.code, Some(3), "{ran:?}");
     assert!(ran.err.contains("which is `i686`"), "{ran:?}");
     assert_eq!(cluster.jobs(), Vec::<[String; 4]>::new());
-    // A container is no process, and the plan says what is.
+    // No job makes a virtual machine, and the plan says what one can do.
     workplace.write(
-        "docker.yaml",
-        matrix("constraint: x86_64", &windows(1, 3)).replace("[native]", "[docker]"),
+        "machine.yaml",
+        matrix("constraint: x86_64", &windows(1, 3)).replace("[native]", "[libvirt]"),
     );
-    let planned = workplace.json(&["plan", "docker.yaml"]);
+    let planned = workplace.json(&["plan", "machine.yaml"]);
     let reason = planned["scenarios"][0]["reason"].as_str().unwrap();
-    assert!(reason.contains("nothing but a process can be a job"), "{reason}");
+    assert!(reason.contains("no job of the cluster behind `lab`"), "{reason}");
+}
+
+/// A matrix on any node of this machine's kind.
+fn in_containers(virtualization: &str, workload: &str) -> String {
+    matrix("constraint: x86_64", workload).replace("[native]", virtualization)
+}
+
+/// The containers that are an environment's of ours.
+fn containers() -> String {
+    let mut docker = Command::new("docker");
+    docker.args(["ps", "--all", "--quiet", "--filter", "label=matrix.environment"]);
+    let listed = docker.output().expect("docker is installed");
+    String::from_utf8(listed.stdout).expect("numbers are text")
+}
+
+#[test]
+fn a_container_on_a_node_measures_as_its_jobs_user_and_ends_with_its_job() {
+    let cluster = Cluster::start();
+    let workplace = &cluster.workplace;
+    cluster.share_the_engine();
+    let before = containers();
+    workplace.write("m.yaml", in_containers("[native, docker]", &windows(2, 3)));
+    let ran = workplace.run(&["run", "m.yaml"]);
+    done(&ran);
+    let run = workplace.run_directory();
+    all_is_whole(&run, 2, 2);
+    let facts = facts(&run, "x86-64-debian-12-docker");
+    assert!(
+        facts["engine_version"]
+            .as_str()
+            .is_some_and(|version| !version.is_empty()),
+        "{facts:#}"
+    );
+    assert!(
+        facts["image_id"]
+            .as_str()
+            .is_some_and(|id| id.starts_with("sha256:")),
+        "{facts:#}"
+    );
+    assert!(facts["node"].is_string(), "{facts:#}");
+    let report = workplace.json(&["report", run.to_str().unwrap()]);
+    assert_eq!(scenarios(&report).len(), 2);
+    assert_eq!(containers(), before);
+    // The engine is this machine's, too, where nodes are not.
+    let cleaned = workplace.run(&["clean"]);
+    assert!(
+        cleaned.out.contains("removed: image matrix-workload:empty"),
+        "{cleaned:?}"
+    );
+    nothing_is_left(&cluster);
+}
+
+#[test]
+fn a_container_ends_with_the_client_that_a_power_cut_has_ended_and_the_window_is_measured_elsewhere() {
+    let cluster = Cluster::start();
+    let workplace = &cluster.workplace;
+    cluster.share_the_engine();
+    let before = containers();
+    workplace.write("m.yaml", in_containers("[docker]", &windows(2, 12)));
+    let mut running = workplace.start(&["run", "m.yaml"]);
+    running.wait_for("window 1 complete");
+    assert_ne!(containers(), before);
+    // The engine is not the node's here: it goes on, and all who could take the container back are gone.
+    cluster.node("off", &cluster.running_on());
+    cluster.until("the container has ended", || containers() == before);
+    let ran = running.end();
+    done(&ran);
+    let run = workplace.run_directory();
+    all_is_whole(&run, 1, 2);
+    assert_eq!(journaled(&run, "environment-created").len(), 2);
+    done(&workplace.run(&["clean"]));
+    nothing_is_left(&cluster);
+}
+
+#[test]
+fn a_node_without_what_a_container_needs_ends_the_scenario_before_its_first_window() {
+    let cluster = Cluster::start();
+    let workplace = &cluster.workplace;
+    let docker = in_containers("[docker]", &windows(1, 3));
+    workplace.write("m.yaml", &docker);
+    let ran = workplace.run(&["run", "m.yaml"]);
+    assert_eq!(ran.code, Some(3), "{ran:?}");
+    assert!(ran.err.contains("permission denied"), "{ran:?}");
+    assert!(
+        ran.err.contains("let your user use the engine of the nodes"),
+        "{ran:?}"
+    );
+    cluster.share_the_engine();
+    workplace.write(
+        "m.yaml",
+        format!("{docker}providers: {{docker: {{image: nobody-has-it:1}}}}\n"),
+    );
+    let ran = workplace.run(&["run", "m.yaml"]);
+    assert_eq!(ran.code, Some(3), "{ran:?}");
+    assert!(ran.err.contains("nobody-has-it:1"), "{ran:?}");
+    assert!(
+        ran.err.contains("bring the image to the engine of each node"),
+        "{ran:?}"
+    );
+    workplace.write(
+        "m.yaml",
+        format!("{docker}providers: {{docker: {{capabilities: [SETGID]}}}}\n"),
+    );
+    let planned = workplace.json(&["plan", "m.yaml"]);
+    let reason = planned["scenarios"][0]["reason"].as_str().unwrap();
+    assert!(
+        reason.contains("`providers.docker.capabilities` gives nothing"),
+        "{reason}"
+    );
+    done(&workplace.run(&["clean"]));
+    nothing_is_left(&cluster);
 }
 
 #[test]

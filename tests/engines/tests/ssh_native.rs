@@ -1,6 +1,6 @@
 //! A matrix of this machine and one behind SSH, a real sshd: a run, its report, and nothing left.
 
-use std::fs::File;
+use std::{fs::File, process::Command};
 
 use serde_json::Value;
 use tests::{Ran, There, Workplace, is_whole};
@@ -96,6 +96,29 @@ fn what_is_kept_can_be_entered_until_it_is_removed() {
         assert!(inside.starts_with(environments.to_str().unwrap()), "{entered:?}");
         assert!(lines.any(|line| line == "window-2"), "{entered:?}");
     }
+    // A network is made for the shell, with the experiment's nodes on it, and goes with it.
+    workplace.write(
+        "typed",
+        "ls data; cat /proc/net/dev; echo > /dev/tcp/10.0.0.1/11311 && echo master\nexit 7\n",
+    );
+    for scenario in ["a", "b"] {
+        let mut shell = workplace.matrix(["shell", scenario, "--virtual-host", "sta2"]);
+        let typed = File::open(workplace.path().join("typed")).unwrap();
+        let entered = Ran::of(shell.env("SHELL", "/bin/bash").stdin(typed).output().unwrap());
+        for expected in ["window-2", "sta2-eth0:", "master"] {
+            assert!(entered.out.contains(expected), "{entered:?}");
+        }
+        assert!(!entered.out.contains("h1-eth0"), "{entered:?}");
+        assert_eq!(entered.code, Some(7), "{entered:?}");
+        let rehearsals = Command::new("pgrep")
+            .args(["-f", "workload rehearse"])
+            .output()
+            .unwrap();
+        assert_eq!(String::from_utf8(rehearsals.stdout).unwrap(), "");
+    }
+    let nowhere = workplace.run(&["shell", "a", "--virtual-host", "sta9"]);
+    assert_eq!(nowhere.code, Some(3), "{nowhere:?}");
+    assert!(nowhere.err.contains("name one of h1, sta1, sta2"), "{nowhere:?}");
     assert_eq!(workplace.run(&["clean"]).code, Some(0));
     assert_eq!(there.environments(), Vec::<String>::new());
     let gone = workplace.run(&["shell", "b"]);

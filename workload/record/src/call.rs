@@ -3,9 +3,9 @@
 
 use std::{ffi::OsString, path::PathBuf};
 
-use clap::{Args, Subcommand};
+use clap::{Args, Subcommand, builder::PossibleValuesParser};
 
-use crate::{quantity::TimeSpan, settings::Settings};
+use crate::{progress::Part, quantity::TimeSpan, settings::Settings, virtual_host::VirtualHost};
 
 /// The words by which a workload is found in the list of processes.
 pub mod word {
@@ -28,8 +28,12 @@ pub mod word {
 }
 
 const CHECK: &str = "check";
+const SHELL: &str = "shell";
+const REHEARSE: &str = "rehearse";
+const WITHOUT: &str = "without";
 const SETTINGS: &str = "settings";
 const WINDOWS: &str = "windows";
+const ENDS_WITH_INPUT: &str = "ends-with-input";
 const WORK: &str = "work";
 const FROM: &str = "from";
 const GRACE: &str = "grace";
@@ -58,6 +62,9 @@ pub struct Run {
     /// Numbers of the windows to measure.
     #[arg(long = WINDOWS, value_delimiter = ',', required = true, value_parser = clap::value_parser!(u32).range(1..))]
     pub windows: Vec<u32>,
+    /// End in order when standard input ends: whoever holds it open is not there any more.
+    #[arg(long = ENDS_WITH_INPUT)]
+    pub ends_with_input: bool,
 }
 
 /// `workload check`: reports whether the experiment can run there. It prints a [`CheckRecord`](crate::check::CheckRecord).
@@ -66,6 +73,30 @@ pub struct Check {
     /// The settings, as JSON; what is left out is as its `dynamics` has it.
     #[arg(long = SETTINGS, default_value = "{}")]
     pub settings: String,
+}
+
+/// `workload rehearse`: runs network, ROS master and nodes and measures nothing.
+#[derive(Debug, Clone, PartialEq, Eq, Args)]
+pub struct Rehearse {
+    /// The settings, as JSON; what is left out is as its `dynamics` has it.
+    #[arg(long = SETTINGS, default_value = "{}")]
+    pub settings: String,
+    /// A node that is not to run, since you run yours: `plant` or `controller`; twice for both.
+    #[arg(long = WITHOUT, value_parser = PossibleValuesParser::new(Part::ALL.map(Part::name)))]
+    pub without: Vec<String>,
+}
+
+/// `workload shell`: rehearses the experiment and runs a program in a host of its network, which ends with the program.
+#[derive(Debug, Clone, PartialEq, Eq, Args)]
+pub struct Shell {
+    /// The host, such as `h1`.
+    pub host: VirtualHost,
+    /// The settings, as JSON; what is left out is as its `dynamics` has it.
+    #[arg(long = SETTINGS, default_value = "{}")]
+    pub settings: String,
+    /// The program, `/bin/sh` if none is named, and its arguments.
+    #[arg(trailing_var_arg = true, allow_hyphen_values = true)]
+    pub program: Vec<OsString>,
 }
 
 /// `workload detached`: a workload that outlives the call that started it. [`crate::detached`] has what each command reads and
@@ -203,6 +234,7 @@ impl Run {
             data: folders.data,
             work: settings.experiment.is_some().then_some(folders.work),
             windows: windows.to_vec(),
+            ends_with_input: false,
         }
     }
 
@@ -215,9 +247,13 @@ impl Run {
             .option(SETTINGS, &self.settings)
             .option(word::DATA, &self.data)
             .option(WINDOWS, windows.join(","));
-        match &self.work {
-            Some(work) => arguments.option(WORK, work).0,
-            None => arguments.0,
+        let arguments = match &self.work {
+            Some(work) => arguments.option(WORK, work),
+            None => arguments,
+        };
+        match self.ends_with_input {
+            true => arguments.value(&format!("--{ENDS_WITH_INPUT}")).0,
+            false => arguments.0,
         }
     }
 }
@@ -235,6 +271,46 @@ impl Check {
     #[must_use]
     pub fn arguments(&self) -> [String; 3] {
         [CHECK.to_owned(), format!("--{SETTINGS}"), self.settings.clone()]
+    }
+}
+
+impl Rehearse {
+    /// With all nodes of these settings.
+    #[must_use]
+    pub fn of(settings: &Settings) -> Self {
+        Self {
+            settings: json(settings),
+            without: Vec::new(),
+        }
+    }
+
+    /// The arguments of the program.
+    #[must_use]
+    pub fn arguments(&self) -> Vec<OsString> {
+        let begun = Arguments::of(REHEARSE).option(SETTINGS, &self.settings);
+        let without = self.without.iter();
+        without.fold(begun, |so_far, node| so_far.option(WITHOUT, node)).0
+    }
+}
+
+impl Shell {
+    /// In that host, with these settings.
+    #[must_use]
+    pub fn of(host: VirtualHost, settings: &Settings) -> Self {
+        Self {
+            host,
+            settings: json(settings),
+            program: Vec::new(),
+        }
+    }
+
+    /// The arguments of the program. Those that come after them are the program to run there, and its arguments.
+    #[must_use]
+    pub fn arguments(&self) -> Vec<OsString> {
+        let begun = Arguments::of(SHELL)
+            .option(SETTINGS, &self.settings)
+            .value(self.host.name());
+        begun.0.into_iter().chain(self.program.iter().cloned()).collect()
     }
 }
 
@@ -339,6 +415,8 @@ mod tests {
     enum Command {
         Run(Run),
         Check(Check),
+        Rehearse(Rehearse),
+        Shell(Shell),
         #[command(subcommand)]
         Detached(Detached),
     }
@@ -380,11 +458,24 @@ mod tests {
             experiment: Some(serde_json::from_value(experiment).unwrap()),
             ..settings.clone()
         };
-        let run = Run::of("e-1", &of_a_command, folders, &[1]);
+        let run = Run {
+            ends_with_input: true,
+            ..Run::of("e-1", &of_a_command, folders, &[1])
+        };
         assert_eq!(run.work.as_deref(), Some(std::path::Path::new("/w")));
         assert_eq!(parsed(run.arguments()), Command::Run(run));
         let check = Check::of(&settings);
         assert_eq!(parsed(check.arguments()), Command::Check(check));
+        let rehearsal = Rehearse {
+            without: ["plant".into(), "controller".into()].into(),
+            ..Rehearse::of(&settings)
+        };
+        assert_eq!(parsed(rehearsal.arguments()), Command::Rehearse(rehearsal));
+        let shell = Shell {
+            program: ["bash".into(), "--login".into()].into(),
+            ..Shell::of(VirtualHost::STA1, &settings)
+        };
+        assert_eq!(parsed(shell.arguments()), Command::Shell(shell));
     }
 
     #[rstest]

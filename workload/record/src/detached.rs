@@ -40,6 +40,49 @@ pub struct Start {
     /// What the workload is to do.
     #[serde(deserialize_with = "asked_for")]
     pub settings: Settings,
+    /// The container that a job is to run the workload in; none where it is a process.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub container: Option<JobContainer>,
+}
+
+/// A container in which a job runs its workload: `container.json`. The job adds what it alone knows, which is its user, its folder,
+/// the workload, and the memory of its node.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
+pub struct JobContainer {
+    /// Options of `docker run`.
+    pub options: Vec<String>,
+    /// What it is made of.
+    pub image: JobImage,
+    /// A program of the image, with arguments, that becomes the workload; if there is none, the workload is started at once.
+    pub entrypoint: Vec<String>,
+    /// The system calls that its programs have, as a profile of seccomp in JSON.
+    pub seccomp: String,
+    /// How much memory it may use, in bytes; three quarters of the node's if that is not said.
+    pub memory: Option<u64>,
+}
+
+/// What a job's container is made of.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum JobImage {
+    /// An image that the node's engine has.
+    Named(String),
+    /// One without any file, which is made where the engine does not have it.
+    Empty {
+        /// Its name.
+        name: String,
+        /// Its labels.
+        labels: BTreeMap<String, String>,
+    },
+}
+
+/// The engine of the node that a job's container ran on: `engine.json`.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
+pub struct EngineRecord {
+    /// Its version.
+    pub version: String,
+    /// The digest of the container's image.
+    pub image_id: String,
 }
 
 /// What `start` answers.
@@ -99,6 +142,9 @@ pub struct JobRecord {
 pub struct Looked {
     /// The job that the workload runs in, or ran in; none where none has begun.
     pub job: Option<JobRecord>,
+    /// The engine of the job's container, if it has one.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub engine: Option<EngineRecord>,
     /// How the workload ended; none while it runs, and where nobody was left to see it end.
     pub ended: Option<Ended>,
     /// What the job wrote that is no line: the end of the workload's standard error and of the job's own, at most 64 KiB. What is

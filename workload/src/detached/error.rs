@@ -78,6 +78,14 @@ pub enum DetachedError {
     /// The node is another machine than was said.
     #[error("{}", .0.reason)]
     AnotherHost(IdentityMismatch),
+    /// The node's engine does not do what a container needs.
+    #[error("cannot {action}: {words}")]
+    Engine {
+        /// What, as an infinitive.
+        action: &'static str,
+        /// Its words, or its client's.
+        words: String,
+    },
     /// More was said to be there already than there is.
     #[error("{} has {length} bytes, and {there} are said to be there already", path.display())]
     Beyond {
@@ -192,6 +200,7 @@ impl DetachedError {
                 "an environment is measured once: `matrix` makes another one for the windows that are missing"
             }
             Self::AnotherHost(mismatch) => return Some(mismatch.fix.clone()),
+            Self::Engine { words, .. } => hint_of_engine(words),
             Self::Beyond { .. } | Self::Send(SendError::Beyond { .. }) => {
                 "the file has been written anew: ask for it from its beginning"
             }
@@ -209,6 +218,17 @@ impl DetachedError {
             Self::Input { .. } | Self::TooLong { .. } => return None,
         };
         Some(hint.to_owned())
+    }
+}
+
+fn hint_of_engine(words: &str) -> &'static str {
+    let said = |part: &str| words.contains(part);
+    if said("No such image") || said("no such image") {
+        "bring the image to the engine of each node: `matrix` itself pulls nothing"
+    } else if said("permission denied") {
+        "have the administrator let your user use the engine of the nodes, or measure `native` there"
+    } else {
+        "ask for nodes that have a Docker Engine (`connect.slurm.constraint` or `nodelist`), or measure `native` there"
     }
 }
 

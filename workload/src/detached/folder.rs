@@ -4,6 +4,8 @@
 //! <root>/<environment>/
 //!   owner.json    what it belongs to: Owner
 //!   settings.json what a job's workload is to do
+//!   container.json the container that a job's workload runs in: JobContainer
+//!   engine.json   the engine that has it: EngineRecord
 //!   job.json      the job that its workload runs in: JobRecord
 //!   job.txt       what the batch system writes of that job
 //!   lines.jsonl   the workload's standard output
@@ -22,7 +24,7 @@ use std::{
 
 use record::{
     call::Folders,
-    detached::{Ended, JobRecord, Owner, UNFINISHED},
+    detached::{Ended, EngineRecord, JobContainer, JobRecord, Owner, UNFINISHED},
     layout,
     name::is_name,
     settings::Settings,
@@ -156,6 +158,55 @@ impl EnvironmentFolder {
     #[must_use]
     pub fn settings(&self) -> Option<Settings> {
         read_record(&self.settings_file())
+    }
+
+    fn container_file(&self) -> PathBuf {
+        self.path().join("container.json")
+    }
+
+    fn engine_file(&self) -> PathBuf {
+        self.path().join("engine.json")
+    }
+
+    /// Keeps what a job's workload is to run in.
+    ///
+    /// # Errors
+    /// When it cannot be written.
+    pub fn write_container(&self, container: &JobContainer) -> Result<(), DetachedError> {
+        write_record(&self.container_file(), container)
+    }
+
+    /// The container that a job's workload is to run in, if it is to run in one. Where there is a file that cannot be read, the
+    /// workload must not run beside it.
+    ///
+    /// # Errors
+    /// When it cannot be read.
+    pub fn container(&self) -> Result<Option<JobContainer>, DetachedError> {
+        let path = self.container_file();
+        match fs::symlink_metadata(&path) {
+            Err(error) if error.kind() == io::ErrorKind::NotFound => Ok(None),
+            Err(error) => Err(DetachedError::file("read", &path)(error)),
+            Ok(_) => match read_record(&path) {
+                Some(container) => Ok(Some(container)),
+                None => Err(DetachedError::file("read", &path)(io::Error::other(
+                    "it is no container of a job",
+                ))),
+            },
+        }
+    }
+
+    /// Keeps what the container ran on.
+    ///
+    /// # Errors
+    /// When it cannot be written.
+    pub fn write_engine(&self, engine: &EngineRecord) -> Result<(), DetachedError> {
+        write_record(&self.engine_file(), engine)
+    }
+
+    /// What the container runs on, or ran on.
+    #[must_use]
+    pub fn engine(&self) -> Option<EngineRecord> {
+        read_record(&self.engine_file())
     }
 
     /// The job that its workload runs in, or ran in.

@@ -18,7 +18,7 @@ use record::{
 };
 use serde_json::json;
 
-use super::{DetachedError, EnvironmentFolder, lease, supervise};
+use super::{DetachedError, EnvironmentFolder, container::Engine, lease, supervise};
 use crate::survey;
 
 /// Returns when the workload has ended, however it has: that is in the folder, and the job has done what it was to do.
@@ -63,7 +63,25 @@ pub fn job(folder: &EnvironmentFolder, call: &Job) -> Result<(), DetachedError> 
     };
     let (waiting, _) = mpsc::channel();
     let _lease = lease::take(&call.lease, &request, &waiting)?;
-    supervise::attend(folder, &settings, |pid| pass_on(ends, pid)).map(drop)
+    let container = folder.container()?;
+    let ended = match &container {
+        None => supervise::attend(
+            folder,
+            &settings,
+            supervise::on_the_node(folder, &settings)?,
+            |pid| pass_on(ends, pid),
+        )?,
+        Some(container) => {
+            let engine = Engine::look(container)?;
+            folder.write_engine(engine.record())?;
+            let command = engine.command(folder, &settings)?;
+            // The client passes signals on.
+            let ended = supervise::attend(folder, &settings, command, |pid| pass_on(ends, pid));
+            Engine::end(folder)?;
+            ended?
+        }
+    };
+    folder.write_ended(ended)
 }
 
 /// Asks the workload to end whenever this process is asked to. The batch system asks all processes of a job when its time is over,

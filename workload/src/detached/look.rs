@@ -25,6 +25,7 @@ pub fn look(folder: &EnvironmentFolder, from: u64) -> Result<(), DetachedError> 
     let [errors, output] = words;
     let answer = Looked {
         job: folder.job(),
+        engine: folder.engine(),
         ended,
         last_words: format!("{}{}", output?, errors?),
         bytes: lines.len() as u64,

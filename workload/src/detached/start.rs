@@ -35,7 +35,12 @@ pub fn start(folder: &EnvironmentFolder) -> Result<Started, DetachedError> {
 /// # Errors
 /// When there is an environment of that name already, or something refuses.
 pub fn prepare(folder: &EnvironmentFolder) -> Result<(), DetachedError> {
-    make(folder, |folder, request| folder.write_settings(&request.settings))
+    make(folder, |folder, request| {
+        if let Some(container) = &request.container {
+            folder.write_container(container)?;
+        }
+        folder.write_settings(&request.settings)
+    })
 }
 
 /// Makes the environment that standard input describes and goes on with it.

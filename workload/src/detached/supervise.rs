@@ -29,43 +29,60 @@ pub fn supervise(folder: &EnvironmentFolder) -> Result<(), DetachedError> {
     // So that neither a terminal's hanging up nor its Ctrl-C reaches it, nor the workload, which is in it too.
     rustix::process::setsid().map_err(DetachedError::system("begin a session"))?;
     let settings: Settings = stream::read("settings", MOST)?;
-    attend(folder, &settings, |pid| {
+    let ended = attend(folder, &settings, on_the_node(folder, &settings)?, |pid| {
         // Whoever asked may be gone: that is what this is for.
         let _ = stream::write_line(&mut io::stdout(), &Started { pid });
         Ok(())
-    })
-    .map(drop)
+    })?;
+    folder.write_ended(ended)
 }
 
-/// Runs the workload of an environment to its end and writes that down. `started` is told its process number.
+/// How the workload of an environment is called.
+pub fn arguments(folder: &EnvironmentFolder, settings: &Settings) -> Run {
+    let windows = folder.owner().map(|owner| owner.windows).unwrap_or_default();
+    Run::of(folder.environment(), settings, folder.folders(), &windows)
+}
+
+/// The workload as a process, in no container.
 ///
 /// # Errors
-/// When the workload cannot be started, or its end not be written down.
+/// When nobody knows where it is.
+pub fn on_the_node(folder: &EnvironmentFolder, settings: &Settings) -> Result<Command, DetachedError> {
+    let program = env::current_exe().map_err(DetachedError::system("find the workload"))?;
+    let mut command = Command::new(program);
+    command
+        .args(arguments(folder, settings).arguments())
+        // Of a job's variables none may reach the experiment either.
+        .env_clear()
+        .stdin(Stdio::null());
+    Ok(command)
+}
+
+/// Runs the workload of an environment, which that command starts, to its end. `started` is told its process number. What it reads is
+/// open until then.
+///
+/// # Errors
+/// When the workload cannot be started.
 pub fn attend(
     folder: &EnvironmentFolder,
     settings: &Settings,
+    mut command: Command,
     started: impl FnOnce(u32) -> Result<(), DetachedError>,
 ) -> Result<Ended, DetachedError> {
-    let windows = folder.owner().map(|owner| owner.windows).unwrap_or_default();
     let create = |path: &Path| File::create_new(path).map_err(DetachedError::file("create", path));
     let lines = create(&folder.lines())?;
     let errors = create(&folder.errors())?;
     // What a user's command started is ended even if its workload is killed.
     let descendants = settings.experiment.as_ref().map(|_| Descendants::begin());
     let descendants = descendants.transpose().map_err(DetachedError::Command)?;
-    let mut workload = env::current_exe()
-        .and_then(|program| {
-            Command::new(program)
-                .args(Run::of(folder.environment(), settings, folder.folders(), &windows).arguments())
-                // Of a job's variables none may reach the experiment either.
-                .env_clear()
-                .current_dir("/")
-                .stdin(Stdio::null())
-                .stdout(lines)
-                .stderr(errors)
-                .spawn()
-        })
+    let mut workload = command
+        .current_dir("/")
+        .stdout(lines)
+        .stderr(errors)
+        .spawn()
         .map_err(DetachedError::system("start the workload"))?;
+    // To wait for it would close it.
+    let input = workload.stdin.take();
     process::wait_until_found(&mut workload)?;
     started(workload.id())?;
     let status = workload
@@ -74,9 +91,8 @@ pub fn attend(
     if let Some(descendants) = descendants {
         descendants.end_all().map_err(DetachedError::Command)?;
     }
-    let ended = ended(status);
-    folder.write_ended(ended)?;
-    Ok(ended)
+    drop(input);
+    Ok(ended(status))
 }
 
 fn ended(status: ExitStatus) -> Ended {

@@ -1,4 +1,4 @@
-//! `matrix shell SCENARIO`: a shell in an environment that was kept (`--keep`), or that a crash left.
+//! `matrix shell SCENARIO`: a shell in an environment that was kept (`--keep`), or that a crash left, or in a host of its network.
 
 use std::{
     os::unix::process::CommandExt as _,
@@ -9,6 +9,7 @@ use clap::Args;
 use record::{
     exit::matrix::Exit,
     run_directory::{PlannedScenario, RunDirectory, ScenarioState},
+    virtual_host::VirtualHost,
 };
 
 use crate::{
@@ -18,7 +19,7 @@ use crate::{
         terminal::{self, CommandError},
     },
     lease,
-    provider::{Catalogue, Fleet as _, ProviderError},
+    provider::{Catalogue, Fleet as _, ProviderError, ShellRequest},
     run::recorded::{RecordedRun, newest_first},
 };
 
@@ -31,6 +32,13 @@ pub struct ShellArguments {
     /// The run directory; otherwise the newest in `runs/` that has kept an environment of that scenario.
     #[arg(long, value_name = "RUN", value_parser = run_argument(), add = completion::runs())]
     run: Option<PathBuf>,
+    /// Open the shell in a host of the experiment's network, such as `h1`, with the experiment's nodes running. The network is made
+    /// for the shell and is gone with it. For native environments.
+    #[arg(long, value_name = "HOST")]
+    virtual_host: Option<VirtualHost>,
+    /// Take the shell from this image of the engine, such as `debian:12`, beside the container's data. For Docker environments.
+    #[arg(long)]
+    image: Option<String>,
     /// Print the command and do not run it.
     #[arg(long)]
     print: bool,
@@ -74,7 +82,13 @@ pub async fn execute(arguments: &ShellArguments, catalogue: Catalogue) -> Result
             "`matrix resume` goes on with it",
         ));
     }
-    let program = provider.shell(&environment).await.map_err(infrastructure)?;
+    let request = ShellRequest {
+        environment: &environment,
+        settings: &planned.settings,
+        virtual_host: arguments.virtual_host,
+        image: arguments.image.as_deref(),
+    };
+    let program = provider.shell(&request).await.map_err(infrastructure)?;
     let host = providers.host(host).map_err(infrastructure)?;
     let mut command = host.terminal(&program);
     if arguments.print {

@@ -3,15 +3,18 @@
 use std::sync::Arc;
 
 use record::{
+    call::Shell,
     detached::ListedEnvironment,
     run_directory::{Resource, fact},
+    settings::{NetworkSettings, Settings},
+    virtual_host::VirtualHost,
 };
 use serde_json::{Map, Value, json};
 
 use super::{AgentClient, ClockReading, DetachedEnvironment};
 use crate::{
     host::{Host, Program},
-    provider::{Environment, EnvironmentRequest, Leftover, ProviderError},
+    provider::{Environment, EnvironmentRequest, Leftover, ProviderError, ShellRequest},
 };
 
 /// The kind of an environment's folder, with which its process ends.
@@ -106,15 +109,28 @@ impl HostProcesses {
         )))
     }
 
-    /// A shell in the environment's folder.
+    /// A shell in the environment's folder, and in a virtual host if one is asked for.
     ///
     /// # Errors
-    /// When the host cannot be asked.
-    pub async fn shell(&self, environment: &str) -> Result<Program, ProviderError> {
-        let folder = self.agent.deployed().await?.environments.join(environment);
-        let script = r#"cd "$1" && exec "${SHELL:-/bin/sh}""#;
+    /// When the host cannot be asked, or the experiment has no such virtual host.
+    pub async fn shell(&self, request: &ShellRequest<'_>) -> Result<Program, ProviderError> {
+        request.of_no_image(self.provider)?;
+        let deployed = self.agent.deployed().await?;
+        let folder = deployed.environments.join(request.environment);
+        let inside = match request.virtual_host {
+            None => Vec::new(),
+            Some(host) => {
+                ensure_it_has(host, request.settings)?;
+                let call = Shell::of(host, request.settings).arguments();
+                [deployed.program.clone().into_os_string()]
+                    .into_iter()
+                    .chain(call)
+                    .collect()
+            }
+        };
+        let script = r#"cd "$1" && shift && exec "$@" "${SHELL:-/bin/sh}""#;
         let arguments = ["-c".into(), script.into(), "sh".into(), folder.into_os_string()];
-        Ok(Program::new("sh", arguments))
+        Ok(Program::new("sh", arguments.into_iter().chain(inside)))
     }
 
     /// Those of the listed environments that this provider made. A folder whose owner was never written has none: it is
@@ -142,4 +158,25 @@ impl HostProcesses {
             running,
         }
     }
+}
+
+/// Whether an experiment's network has that host.
+fn ensure_it_has(host: VirtualHost, settings: &Settings) -> Result<(), ProviderError> {
+    let topology = settings.network_in_use().map(NetworkSettings::topology);
+    let hosts = topology.map(|topology| topology.hosts).unwrap_or_default();
+    if hosts.iter().any(|it| it.name == host) {
+        return Ok(());
+    }
+    let names: Vec<&str> = hosts.iter().map(|it| it.name.name()).collect();
+    Err(ProviderError::Unsupported {
+        provider: "the experiment".to_owned(),
+        reason: match names.as_slice() {
+            [] => "it has no network, and so no virtual host".to_owned(),
+            _ => format!("it has no virtual host `{host}`"),
+        },
+        hint: Some(match names.as_slice() {
+            [] => "leave `--virtual-host` out".to_owned(),
+            names => format!("name one of {}", names.join(", ")),
+        }),
+    })
 }

@@ -36,7 +36,13 @@ const CAPABILITIES: [&str; 6] = [
 
 /// Processes and threads of a container. A scenario has some thirty, and Open vSwitch's daemon as many as the machine has
 /// processors: far below, and far above what a machine can take.
-const MOST_PROCESSES: i64 = 4096;
+pub const MOST_PROCESSES: i64 = 4096;
+
+/// The host name of every container: that of its machine explains nothing.
+pub const HOSTNAME: &str = "workload";
+
+/// By which the networks of the userspace backend come to their devices.
+pub const TUN: &str = "/dev/net/tun";
 
 /// The container in which the workload runs.
 #[must_use]
@@ -109,7 +115,7 @@ fn entrypoint(settings: &DockerSettings, workload: String) -> Vec<String> {
 fn bare(labels: &Labels, image: &str) -> ContainerCreateBody {
     ContainerCreateBody {
         image: Some(image.to_owned()),
-        hostname: Some("workload".to_owned()),
+        hostname: Some(HOSTNAME.to_owned()),
         labels: Some(labels.write()),
         attach_stdout: Some(false),
         attach_stderr: Some(false),
@@ -228,7 +234,7 @@ fn volume(request: &EnvironmentRequest, image: &Image, name: &str, target: &str)
 }
 
 fn tun() -> DeviceMapping {
-    let device = || Some("/dev/net/tun".to_owned());
+    let device = || Some(TUN.to_owned());
     DeviceMapping {
         path_on_host: device(),
         path_in_container: device(),

@@ -16,6 +16,8 @@ use crate::provider::ProviderError;
 
 const DOCKERFILE: &str = include_str!("../../../../dockerfiles/workload.Dockerfile");
 const REPOSITORY: &str = "matrix-workload";
+/// An image without a file: what a container of a job is made of, which sees the workload on its node.
+pub const EMPTY: &str = "matrix-workload:empty";
 /// What `dockerfiles/mininet/build` makes.
 const MININET: &str = "matrix-mininet:debian-12";
 

@@ -11,10 +11,29 @@ use serde_json::{Value, json};
 use super::settings::SystemCalls;
 
 const PROFILE: &str = include_str!("seccomp.json");
+/// `linux/sched.h`.
+const CLONE_NEWUSER: u64 = 0x1000_0000;
 
 /// The profile as JSON, in one line.
 #[must_use]
 pub fn profile(asked_for: &[SystemCalls]) -> String {
+    with(asked_for, None)
+}
+
+/// The same for a container without capabilities: an ordinary user makes a network namespace in a user namespace of his own. What that
+/// allows beside it is not in the list either.
+#[must_use]
+pub fn profile_of_an_ordinary_user(asked_for: &[SystemCalls]) -> String {
+    let own_namespace = json!({
+        "comment": "User namespaces: CLONE_NEWUSER",
+        "names": ["unshare"],
+        "action": "SCMP_ACT_ALLOW",
+        "args": [{"index": 0, "value": CLONE_NEWUSER, "op": "SCMP_CMP_EQ"}],
+    });
+    with(asked_for, Some(own_namespace))
+}
+
+fn with(asked_for: &[SystemCalls], rule: Option<Value>) -> String {
     // Read by a test, too.
     let mut profile: Value = serde_json::from_str(PROFILE).unwrap_or_default();
     if let Some(calls) = profile.get_mut("syscalls").and_then(Value::as_array_mut) {
@@ -25,6 +44,7 @@ pub fn profile(asked_for: &[SystemCalls]) -> String {
                 "action": "SCMP_ACT_ALLOW",
             })
         }));
+        calls.extend(rule);
     }
     profile.to_string()
 }
@@ -83,6 +103,20 @@ mod tests {
         }
         assert!(!rules["clone"][0]["args"].is_null());
         assert_eq!(rules["clone3"][0]["action"], "SCMP_ACT_ERRNO");
+    }
+
+    #[test]
+    fn an_ordinary_user_may_make_a_user_namespace_and_nothing_else_beside() {
+        let read = |text: String| serde_json::from_str::<Value>(&text).unwrap()["syscalls"].take();
+        let (all, own) = (read(profile(&[])), read(profile_of_an_ordinary_user(&[])));
+        let (all, own) = (all.as_array().unwrap(), own.as_array().unwrap());
+        assert_eq!(own[..all.len()], all[..]);
+        let [added] = &own[all.len()..] else {
+            panic!("{own:?}");
+        };
+        assert_eq!(added["names"], json!(["unshare"]));
+        assert_eq!(added["args"][0]["value"], CLONE_NEWUSER);
+        assert_eq!(added["args"][0]["op"], "SCMP_CMP_EQ");
     }
 
     #[test]

@@ -178,6 +178,14 @@ impl JobEnvironment {
                 self.facts
                     .insert(fact::NODE.to_owned(), Value::String(job.node.clone()));
             }
+            if let Some(engine) = &looked.engine {
+                let known = [
+                    (fact::ENGINE_VERSION, &engine.version),
+                    (fact::IMAGE_ID, &engine.image_id),
+                ];
+                let known = known.map(|(name, value)| (name.to_owned(), Value::String(value.clone())));
+                self.facts.extend(known);
+            }
             let there_is_more = !lines.is_empty();
             let has_ended = looked.ended.is_some();
             self.looked = Some(looked);

@@ -212,7 +212,7 @@ impl Place {
         let host: Arc<dyn Host> = Arc::new(SlurmHost::new(submit, nodes.clone(), state));
         let cluster = Arc::new(Cluster::new(Arc::clone(&system) as Arc<dyn BatchSystem>));
         Self {
-            jobs: Jobs::on("simulated", &host, &nodes, cluster),
+            jobs: Jobs::on("simulated", JobWorkload::Process, &host, &nodes, cluster),
             folder,
             system,
         }

@@ -21,7 +21,7 @@ use crate::{
     host::{Here, Host, Program},
     journal::Journal,
     observer::{Events, Observer},
-    provider::{Availability, Fleet, Leftover, ProviderError},
+    provider::{Availability, Fleet, Leftover, ProviderError, ShellRequest},
     run::{keep::Keep, stop::stop_switch},
     state_directory::StateDirectory,
 };
@@ -94,7 +94,7 @@ impl Provider for Scripted {
         Ok((self.find)())
     }
 
-    async fn shell(&self, _: &str) -> Result<Program, ProviderError> {
+    async fn shell(&self, _: &ShellRequest<'_>) -> Result<Program, ProviderError> {
         Err(refusal("entering", "there is nothing"))
     }
 
