@@ -20,7 +20,7 @@ use record::{
 };
 
 pub use self::cluster::{Cluster, Clusters};
-use crate::provider::ProviderError;
+use crate::{host::Program, provider::ProviderError};
 
 /// A scheduler of a cluster, as the submit host's user sees it.
 #[async_trait]
@@ -72,6 +72,9 @@ pub trait BatchSystem: Send + Sync {
     /// # Errors
     /// When the cluster cannot be asked.
     async fn cancel(&self, job: &str) -> Result<(), ProviderError>;
+
+    /// A shell on the node of a job that runs, for a person: a program of the submit host's that wants a terminal.
+    fn shell(&self, job: &str) -> Program;
 }
 
 /// A job to be submitted: one environment's workload on a whole node, once.

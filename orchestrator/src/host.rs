@@ -26,7 +26,7 @@ use record::connection::SshAddress;
 use tokio::net::UnixStream;
 
 pub use self::{
-    choice::{Said, of},
+    choice::{Said, all, of},
     error::HostError,
     forward::Forward,
     here::Here,

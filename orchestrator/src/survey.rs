@@ -38,7 +38,7 @@ use crate::{
 #[must_use]
 pub fn providers(file: &MatrixFile) -> Providers {
     let state = StateDirectory::of_this_user();
-    let hosts = file.hosts.iter().map(|it| host::of(said_of(it), &state));
+    let hosts = host::all(file.hosts.iter().map(said_of), &state);
     Providers::new(file.catalogue, file.providers.clone(), hosts)
 }
 

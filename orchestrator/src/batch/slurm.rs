@@ -334,4 +334,9 @@ impl BatchSystem for SlurmCommands {
             false => Err(self.refused("taking a job back", &exit)),
         }
     }
+
+    fn shell(&self, job: &str) -> Program {
+        let words = ["--jobid", job, "--overlap", "--pty", "sh", "-l"];
+        self.program("srun", words.map(str::to_owned).into())
+    }
 }

@@ -57,6 +57,7 @@ pub struct JobPrograms {
 
 /// A cluster's nodes, behind its submit host.
 pub struct SlurmHost {
+    name: String,
     submit: Arc<dyn Host>,
     nodes: SlurmNodes,
     state: StateDirectory,
@@ -66,8 +67,9 @@ pub struct SlurmHost {
 impl SlurmHost {
     /// Those nodes, with the files of jobs in this state directory where the submit host is this machine and no `root` is said.
     #[must_use]
-    pub fn new(submit: Arc<dyn Host>, nodes: SlurmNodes, state: StateDirectory) -> Self {
+    pub fn new(name: &str, submit: Arc<dyn Host>, nodes: SlurmNodes, state: StateDirectory) -> Self {
         Self {
+            name: name.to_owned(),
             submit,
             nodes,
             state,
@@ -169,7 +171,7 @@ pub async fn take_file(host: &dyn Host, file: &Path) -> Result<String, HostError
 #[async_trait]
 impl Host for SlurmHost {
     fn name(&self) -> &str {
-        self.submit.name()
+        &self.name
     }
 
     fn nodes(&self) -> Option<&SlurmNodes> {

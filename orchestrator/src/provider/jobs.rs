@@ -573,10 +573,7 @@ impl Provider for Jobs {
             .iter()
             .find(|job| job.name == environment && job.standing.is_alive());
         match job.filter(|_| looked.job.is_some()) {
-            Some(job) => Ok(Program::new(
-                "srun",
-                ["--jobid", &job.id, "--overlap", "--pty", "sh", "-l"],
-            )),
+            Some(job) => Ok(self.cluster.system.shell(&job.id)),
             None => Err(ProviderError::NotFound {
                 what: format!("a running job of {environment}"),
             }),

@@ -301,7 +301,7 @@ impl RecordedRun {
     fn hosts(&self) -> Result<Vec<Arc<dyn Host>>, RecordedRunError> {
         let state = StateDirectory::of_this_user();
         let names: BTreeSet<_> = self.plan.scenarios.iter().flat_map(|it| it.hosts()).collect();
-        let host = |name: &str| {
+        let said = names.into_iter().map(|name| {
             let recorded = self.manifest.hosts.iter().find(|it| it.name == name);
             let connection = match recorded {
                 Some(recorded) => recorded.connect.known(),
@@ -312,15 +312,15 @@ impl RecordedRun {
                 run: self.manifest.run.clone(),
                 host: name.to_owned(),
             })?;
-            let said = Said {
+            Ok(Said {
                 name,
                 connection,
                 hardware: recorded.map(|it| it.hardware.as_str()).unwrap_or_default(),
                 os: recorded.map(|it| it.os.as_str()).unwrap_or_default(),
-            };
-            Ok(host::of(said, &state))
-        };
-        names.into_iter().map(host).collect()
+            })
+        });
+        let said: Result<Vec<_>, RecordedRunError> = said.collect();
+        Ok(host::all(said?, &state))
     }
 
     /// Makes a new run directory with manifest, plan and the experiment's files on disk. Fails if there is anything at that place.

@@ -11,7 +11,7 @@ use std::{
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 use statistics::{
-    nights::{Change, Nights, YEAR, cusum, observed, with_change},
+    nights::{Change, Cusum, Nights, YEAR, observed, with_change},
     public_series::{self, PublicSeries},
     watch::{Night, watch},
 };
@@ -232,7 +232,7 @@ fn ask(python: &std::ffi::OsStr, questions: &[Question]) -> Result<Vec<OfMethods
         let own = watch(&question.nights).changes;
         let own = own.iter().map(|change| Told(change.told, change.at));
         let own = own.filter(|told| told.0 >= question.from).collect();
-        let chart = cusum::alarms(&question.values, question.from);
+        let chart = Cusum::OF_INDEPENDENT_NIGHTS.alarms(&question.values, question.from);
         let chart = chart.iter().map(|alarm| Told(alarm.told, alarm.at)).collect();
         [own, chart, answer.otava, answer.perfherder, answer.pelt]
     };

@@ -151,49 +151,56 @@ pub fn delay(
     seed: u64,
 ) -> Option<usize> {
     let watched = changed(nights, change, before, after, level, seed);
-    let told = watched.changes.iter().map(|change| change.told);
-    told.filter(|told| *told >= before)
-        .min()
-        .map(|told| told - before)
+    first_since(before, watched.changes.iter().map(|change| change.told))
 }
 
 /// The chart that the watch is held against: Page's CUSUM (*Continuous inspection schemes*, Biometrika 41, 1954), two-sided, with
-/// k = 0.5 and h = 8.5 standard deviations, mean and standard deviation from its first 60 nights.
-pub mod cusum {
-    use super::{Change, Nights, YEAR, with_change};
+/// k = 0.5 standard deviations, mean and standard deviation from the nights that it learns from.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Cusum {
+    /// Its limit h, in standard deviations.
+    pub limit: f64,
+}
 
+/// An alarm of a CUSUM.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Alarm {
+    /// The night in which it was raised.
+    pub told: usize,
+    /// The first night since its sum was last 0, which is Page's place of the change.
+    pub at: usize,
+}
+
+impl Cusum {
+    /// One for independent normal nights: of nine series it alarms as often as the watch does.
+    pub const OF_INDEPENDENT_NIGHTS: Self = Self { limit: 8.5 };
     const K: f64 = 0.5;
-    const H: f64 = 8.5;
     const LEARNS: usize = 60;
-
-    /// An alarm: the night in which it was raised, and the first one since its sum was last 0, which is Page's place of the change.
-    #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-    pub struct Alarm {
-        /// The night in which it was raised.
-        pub told: usize,
-        /// The first night with the change.
-        pub at: usize,
-    }
 
     /// How many times it alarms in a year after its 60 nights; after each alarm it begins anew at 0.
     #[must_use]
-    pub fn false_changes(nights: Nights, seed: u64) -> usize {
-        alarms(&nights.values(LEARNS + YEAR, seed), LEARNS).len()
+    pub fn false_changes(self, nights: Nights, seed: u64) -> usize {
+        self.alarms(&nights.values(Self::LEARNS + YEAR, seed), Self::LEARNS)
+            .len()
     }
 
-    /// As [`super::delay`].
+    /// As [`delay`].
     #[must_use]
-    pub fn delay(nights: Nights, change: Change, before: usize, after: usize, seed: u64) -> Option<usize> {
-        let alarms = alarms(&with_change(nights, change, before, after, seed), LEARNS);
-        let told = alarms.into_iter().map(|alarm| alarm.told);
-        told.filter(|told| *told >= before)
-            .min()
-            .map(|told| told - before)
+    pub fn delay(
+        self,
+        nights: Nights,
+        change: Change,
+        before: usize,
+        after: usize,
+        seed: u64,
+    ) -> Option<usize> {
+        let alarms = self.alarms(&with_change(nights, change, before, after, seed), Self::LEARNS);
+        first_since(before, alarms.into_iter().map(|alarm| alarm.told))
     }
 
     /// The alarms after the first `learns` values, from which it has the mean and the standard deviation.
     #[must_use]
-    pub fn alarms(values: &[f64], learns: usize) -> Vec<Alarm> {
+    pub fn alarms(self, values: &[f64], learns: usize) -> Vec<Alarm> {
         let (learnt, watched) = values.split_at(learns.min(values.len()));
         let count = learnt.len() as f64;
         let mean = learnt.iter().sum::<f64>() / count;
@@ -204,16 +211,23 @@ pub mod cusum {
         for (night, value) in (learns..).zip(watched) {
             let aside = (value - mean) / variance.sqrt();
             for ((sum, since), aside) in sums.iter_mut().zip([aside, -aside]) {
-                *sum = (*sum + aside - K).max(0.0);
+                *sum = (*sum + aside - Self::K).max(0.0);
                 if *sum == 0.0 {
                     *since = night + 1;
                 }
             }
-            if let Some((_, at)) = sums.iter().copied().find(|(sum, _)| *sum > H) {
+            if let Some((_, at)) = sums.iter().copied().find(|(sum, _)| *sum > self.limit) {
                 alarms.push(Alarm { told: night, at });
                 sums = [(0.0, night + 1); 2];
             }
         }
         alarms
     }
+}
+
+/// How many nights after that one the first of these comes that is no earlier.
+fn first_since(before: usize, told: impl Iterator<Item = usize>) -> Option<usize> {
+    told.filter(|told| *told >= before)
+        .min()
+        .map(|told| told - before)
 }

@@ -174,6 +174,10 @@ impl BatchSystem for FakeBatch {
         }
         Ok(())
     }
+
+    fn shell(&self, job: &str) -> Program {
+        Program::new("true", [job])
+    }
 }
 
 /// A cluster whose shared file system is a folder of the test's.
@@ -209,7 +213,7 @@ impl Place {
             os: "any".to_owned(),
         };
         let submit: Arc<dyn Host> = Arc::new(Here::new("lab", state.clone()));
-        let host: Arc<dyn Host> = Arc::new(SlurmHost::new(submit, nodes.clone(), state));
+        let host: Arc<dyn Host> = Arc::new(SlurmHost::new("lab", submit, nodes.clone(), state));
         let cluster = Arc::new(Cluster::new(Arc::clone(&system) as Arc<dyn BatchSystem>));
         Self {
             jobs: Jobs::on("simulated", JobWorkload::Process, &host, &nodes, cluster),
