@@ -1,7 +1,7 @@
 //! Values of pairs of scenarios, found by the letters of the two. A sweep has ten thousands of pairs, and each of half a million
 //! comparisons asks for its own. The type is [`Pairs`].
 
-use std::{collections::BTreeMap, ops::Deref};
+use std::{collections::HashMap, ops::Deref};
 
 /// What is known of a pair of scenarios, or of one with itself.
 pub trait OfPair {
@@ -13,30 +13,50 @@ pub trait OfPair {
 #[derive(Debug, Clone, PartialEq)]
 pub struct Pairs<T> {
     list: Vec<T>,
-    /// The place in the list, by one letter and the other, in both orders.
-    places: BTreeMap<String, BTreeMap<String, usize>>,
+    /// The number of each letter.
+    numbers: HashMap<String, usize>,
+    /// A row and a column for each letter: the place in the list.
+    places: Vec<Option<u32>>,
 }
 
 impl<T: OfPair> Pairs<T> {
     /// In that order.
     #[must_use]
     pub fn new(list: Vec<T>) -> Self {
-        let mut places: BTreeMap<String, BTreeMap<String, usize>> = BTreeMap::new();
-        for (place, item) in list.iter().enumerate() {
+        let mut numbers: HashMap<String, usize> = HashMap::new();
+        let mut number = |letter: &str| match numbers.get(letter) {
+            Some(known) => *known,
+            None => {
+                let next = numbers.len();
+                numbers.insert(letter.to_owned(), next);
+                next
+            }
+        };
+        let pairs = list.iter().map(|item| {
             let (a, b) = item.letters();
-            for (one, other) in [(a, b), (b, a)] {
-                let of_one = places.entry(one.to_owned()).or_default();
-                of_one.insert(other.to_owned(), place);
+            [number(a), number(b)]
+        });
+        let pairs: Vec<[usize; 2]> = pairs.collect();
+        let letters = numbers.len();
+        let mut places = vec![None; letters * letters];
+        for ([a, b], place) in pairs.into_iter().zip(0..) {
+            for at in [a * letters + b, b * letters + a] {
+                places[at] = Some(place);
             }
         }
-        Self { list, places }
+        Self {
+            list,
+            numbers,
+            places,
+        }
     }
 
     /// That of two scenarios, in either order.
     #[must_use]
     pub fn find(&self, a: &str, b: &str) -> Option<&T> {
-        let place = self.places.get(a)?.get(b)?;
-        self.list.get(*place)
+        let row = self.numbers.get(a)? * self.numbers.len();
+        let place = self.places.get(row + self.numbers.get(b)?)?;
+        self.list.get((*place)? as usize)
     }
 }
 

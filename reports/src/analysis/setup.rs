@@ -34,13 +34,14 @@ impl SetupDifference {
         let measured = scenarios
             .iter()
             .filter(|scenario| scenario.counted().next().is_some());
-        let setups: Vec<(&str, Value)> = measured
+        let (letters, setups): (Vec<&str>, Vec<Value>) = measured
             .map(|scenario| (scenario.planned.id.as_str(), setup(scenario)))
-            .collect();
+            .unzip();
+        let setups = Experiments::of_records(setups);
         let mut found = Vec::new();
-        for (at, (a, first)) in setups.iter().enumerate() {
-            for (b, second) in setups.iter().skip(at + 1) {
-                let fields = differing(first, second);
+        for (first, a) in letters.iter().enumerate() {
+            for (second, b) in letters.iter().enumerate().skip(first + 1) {
+                let fields = setups.differing(first, second);
                 if !fields.is_empty() {
                     found.push(Self {
                         a: (*a).to_owned(),
@@ -69,6 +70,8 @@ pub fn differing_settings(a: &Settings, b: &Settings) -> Vec<String> {
 /// The experiments of many scenarios, to be compared two by two: of a thousand there are half a million pairs.
 #[derive(Debug, Clone, Default)]
 pub struct Experiments {
+    /// The dotted paths of the fields.
+    fields: Vec<String>,
     /// For each the number of its value in each field; 0 for what is not known.
     rows: Vec<Vec<u32>>,
 }
@@ -76,13 +79,20 @@ pub struct Experiments {
 impl Experiments {
     /// Those that these settings ask for, by their places.
     pub fn of<'a>(settings: impl IntoIterator<Item = &'a Settings>) -> Self {
+        Self::of_records(settings.into_iter().map(task))
+    }
+
+    fn of_records(records: impl IntoIterator<Item = Value>) -> Self {
         let mut columns: HashMap<String, (usize, HashMap<String, u32>)> = HashMap::new();
         let mut experiments = Self::default();
-        for settings in settings {
+        for record in records {
             let mut row = vec![0; columns.len()];
-            for (path, value) in fields::leaves(&task(settings)) {
+            for (path, value) in fields::leaves(&record) {
                 let next = columns.len();
-                let (at, values) = columns.entry(path).or_insert_with(|| (next, HashMap::new()));
+                let (at, values) = columns.entry(path).or_insert_with_key(|path| {
+                    experiments.fields.push(path.clone());
+                    (next, HashMap::new())
+                });
                 let known = u32::try_from(values.len()).unwrap_or(u32::MAX);
                 let number = *values.entry(value.to_string()).or_insert(known.saturating_add(1));
                 row.resize(row.len().max(*at + 1), 0);
@@ -98,8 +108,22 @@ impl Experiments {
     /// Whether those at two places differ, as [`differing_settings`] has it.
     #[must_use]
     pub fn differ(&self, a: usize, b: usize) -> bool {
+        self.differing_columns(a, b).next().is_some()
+    }
+
+    /// The fields in which those at two places differ, by name.
+    fn differing(&self, a: usize, b: usize) -> Vec<String> {
+        let names = self.differing_columns(a, b).filter_map(|at| self.fields.get(at));
+        let mut names: Vec<String> = names.cloned().collect();
+        names.sort_by(|one, other| one.split('.').cmp(other.split('.')));
+        names
+    }
+
+    fn differing_columns(&self, a: usize, b: usize) -> impl Iterator<Item = usize> {
         let row = |at: usize| self.rows.get(at).map(Vec::as_slice).unwrap_or_default();
-        std::iter::zip(row(a), row(b)).any(|(a, b)| *a != 0 && *b != 0 && a != b)
+        let both = row(a).iter().zip(row(b)).enumerate();
+        both.filter(|(_, (a, b))| **a != 0 && **b != 0 && a != b)
+            .map(|(at, _)| at)
     }
 }
 
@@ -235,6 +259,7 @@ mod tests {
             for (b, second) in all.iter().enumerate() {
                 let differ = !differing_settings(first, second).is_empty();
                 assert_eq!(experiments.differ(a, b), differ, "{a} and {b}");
+                assert_eq!(experiments.differing(a, b), differing_settings(first, second));
             }
         }
         assert!(experiments.differ(2, 3) && !experiments.differ(0, 2));

@@ -10,6 +10,7 @@
 //! has the recursion, [`scaled`] the numbers that do not underflow, [`limit`] the forms for large samples, [`tails`]
 //! decides which of them gives the p-value.
 
+mod columns;
 mod distance;
 mod limit;
 mod numbers;
@@ -21,6 +22,7 @@ mod tails;
 use record::report_settings::Method;
 use serde::{Deserialize, Serialize};
 
+pub use columns::{PairColumns, PairCounts};
 pub use numbers::{NumbersError, read_numbers};
 pub use pool::{Partners, Pool};
 pub use tails::SharedTails;

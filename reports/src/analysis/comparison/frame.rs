@@ -7,10 +7,10 @@ use polars::{
     df,
     error::PolarsResult,
     frame::DataFrame,
-    prelude::{BooleanChunked, ChunkCompareEq, Float64Chunked, StringChunked, UInt32Chunked, UInt64Chunked},
+    prelude::{BooleanChunked, Float64Chunked, StringChunked, UInt32Chunked, UInt64Chunked},
 };
 use record::report_settings::{Method, ReportSettings};
-use statistics::ks::{KsTest, Pool, Procedure, SharedTails};
+use statistics::ks::{PairColumns, Pool, Procedure, SharedTails};
 
 use super::{Comparison, FrameError, LISTED, Tally, TestResult, WindowValues, pairs_of};
 use crate::analysis::sample::Sample;
@@ -18,7 +18,8 @@ use crate::analysis::sample::Sample;
 /// Comparisons from which on a piece is whole.
 const PIECE: usize = 1 << 17;
 
-/// What the counts are summed by, and the sums.
+/// What the counts are summed by, the names that it stands for, and the sums.
+const KEY: &str = "scenarios";
 const PAIR: [&str; 2] = ["a", "b"];
 const SUMS: [&str; 3] = ["pairs", "rejected", "in_the_limit"];
 
@@ -110,24 +111,58 @@ fn compare_windows(
     };
     let known = Arc::new(SharedTails::default());
     let is_listed = pairs_of(windows.len()) <= listed;
+    let scenarios = Scenarios::of(windows);
     // Without a row they have their columns all the same.
-    let mut frame = piece(windows, &[], settings)?;
-    let mut counts = counted(&frame, settings)?;
+    let none = PairColumns::default();
+    let mut frame = piece(windows, &none, settings)?;
+    let mut counts = counted(&none, &scenarios, settings)?;
     for firsts in pieces(windows.len()) {
         let Some(pool) = &pool else { break };
-        let tests = pool.pairs_of(firsts, procedure, &known, |first, partners| {
-            Vec::from_iter(partners.map(|(second, test)| (first, second, test)))
-        });
-        let piece = piece(windows, &tests, settings)?;
-        counts.vstack_mut_owned(counted(&piece, settings)?)?;
+        let tests = pool.columns(firsts, procedure, &known);
+        counts.vstack_mut_owned(counted(&tests, &scenarios, settings)?)?;
         if is_listed {
-            frame.vstack_mut_owned(piece)?;
+            frame.vstack_mut_owned(piece(windows, &tests, settings)?)?;
         }
     }
     Ok(Comparisons {
         frame,
-        counts: sums(&counts, &PAIR, &SUMS)?,
+        counts: scenarios.named(&sums(&counts, &[KEY], &SUMS)?)?,
     })
+}
+
+/// The scenarios by number, so that two of them are one number to count by.
+struct Scenarios<'a> {
+    names: Vec<&'a str>,
+    /// That of each window.
+    of: Vec<u32>,
+}
+
+impl<'a> Scenarios<'a> {
+    /// The windows of a scenario stand together.
+    fn of(windows: &'a [WindowValues<'_>]) -> Self {
+        let mut names: Vec<&str> = Vec::new();
+        let mut of = Vec::with_capacity(windows.len());
+        for window in windows {
+            if names.last() != Some(&window.scenario) {
+                names.push(window.scenario);
+            }
+            of.push(names.len() as u32 - 1);
+        }
+        Self { names, of }
+    }
+
+    /// The counts with the scenarios' names in place of their key.
+    fn named(&self, counts: &DataFrame) -> PolarsResult<DataFrame> {
+        let keys: Vec<u64> = counts.column(KEY)?.u64()?.iter().flatten().collect();
+        let names =
+            |number: fn(u64) -> u64| Vec::from_iter(keys.iter().map(|key| self.names[number(*key) as usize]));
+        let mut named = df![
+            PAIR[0] => names(|key| key >> 32),
+            PAIR[1] => names(|key| key & u64::from(u32::MAX)),
+        ]?;
+        named.hstack_mut(counts.select(SUMS)?.columns())?;
+        Ok(named)
+    }
 }
 
 /// The first samples of each piece.
@@ -144,54 +179,47 @@ fn pieces(windows: usize) -> Vec<Range<usize>> {
     pieces
 }
 
-/// A test with the places of its two windows.
-type Test = (usize, usize, KsTest);
-
 /// The tests as rows.
 fn piece(
     windows: &[WindowValues<'_>],
-    tests: &[Vec<Test>],
+    tests: &PairColumns,
     settings: &ReportSettings,
 ) -> PolarsResult<DataFrame> {
-    fn column<'a, T>(tests: &'a [Vec<Test>], of: impl Fn(&'a KsTest) -> T) -> Vec<T> {
-        tests.iter().flatten().map(|(_, _, test)| of(test)).collect()
-    }
-    let [a, b]: [Vec<&WindowValues<'_>>; 2] = [
-        tests.iter().flatten().map(|(a, ..)| &windows[*a]).collect(),
-        tests.iter().flatten().map(|(_, b, _)| &windows[*b]).collect(),
-    ];
-    let letters = |side: &[&WindowValues<'_>]| Vec::from_iter(side.iter().map(|it| it.scenario.to_owned()));
-    let numbers = |side: &[&WindowValues<'_>]| Vec::from_iter(side.iter().map(|it| it.window));
+    let letters = |side: &[u32]| Vec::from_iter(side.iter().map(|it| windows[*it as usize].scenario));
+    let numbers = |side: &[u32]| Vec::from_iter(side.iter().map(|it| windows[*it as usize].window));
     df![
-        "a" => letters(&a),
-        "a_window" => numbers(&a),
-        "b" => letters(&b),
-        "b_window" => numbers(&b),
-        "n" => column(tests, |test| test.n as u64),
-        "m" => column(tests, |test| test.m as u64),
-        "d" => column(tests, |test| test.d),
-        "h" => column(tests, |test| test.h),
-        "lcm" => column(tests, |test| test.lcm),
-        "p" => column(tests, |test| test.p),
-        "log10_p" => column(tests, |test| test.log10_p),
-        "signed_d" => column(tests, |test| test.signed_d().0),
-        "at" => column(tests, |test| test.signed_d().1),
-        "method" => column(tests, |test| test.method.name()),
-        "rejected" => column(tests, |test| test.p < settings.alpha),
+        "a" => letters(&tests.first),
+        "a_window" => numbers(&tests.first),
+        "b" => letters(&tests.second),
+        "b_window" => numbers(&tests.second),
+        "n" => &tests.n,
+        "m" => &tests.m,
+        "d" => &tests.d,
+        "h" => &tests.h,
+        "lcm" => &tests.lcm,
+        "p" => &tests.p,
+        "log10_p" => &tests.log10_p,
+        "signed_d" => &tests.signed_d,
+        "at" => &tests.at,
+        "method" => Vec::from_iter(tests.method.iter().map(|method| method.name())),
+        "rejected" => Vec::from_iter(tests.p.iter().map(|p| *p < settings.alpha)),
     ]
 }
 
-/// A piece's rows counted by the pair of scenarios.
-fn counted(piece: &DataFrame, settings: &ReportSettings) -> PolarsResult<DataFrame> {
-    let is_other: BooleanChunked = piece.column("method")?.str()?.not_equal(settings.method.name());
-    let in_the_limit: Vec<u32> = is_other.iter().map(|is| u32::from(is == Some(true))).collect();
-    let rejected = piece.column("rejected")?.bool()?;
-    let rejected: Vec<u32> = rejected.iter().map(|is| u32::from(is == Some(true))).collect();
-    let mut ones = piece.select(PAIR)?;
-    let flags =
-        df!["pairs" => vec![1_u32; piece.height()], "rejected" => rejected, "in_the_limit" => in_the_limit]?;
-    ones.hstack_mut(flags.columns())?;
-    sums(&ones, &PAIR, &SUMS)
+/// The tests counted by the pair of scenarios.
+fn counted(
+    tests: &PairColumns,
+    scenarios: &Scenarios<'_>,
+    settings: &ReportSettings,
+) -> PolarsResult<DataFrame> {
+    let counts = tests.counts(&scenarios.of, settings.alpha, settings.method);
+    let each = df![
+        KEY => counts.key,
+        SUMS[0] => counts.tests,
+        SUMS[1] => counts.rejected,
+        SUMS[2] => counts.of_another_method,
+    ]?;
+    sums(&each, &[KEY], &SUMS)
 }
 
 /// The sums of some columns by keys, in the order in which the keys first appear.

@@ -1,7 +1,7 @@
 //! The packets between controller and plant: what became of them, the counts that the tracking error has, and which of
 //! their quantities go with a difference in error.
 
-use std::collections::BTreeSet;
+use std::collections::HashSet;
 
 use captures::{
     packets::Topic,
@@ -141,7 +141,7 @@ fn milliseconds(seconds: Option<f64>) -> String {
 }
 
 fn counts(report: &Report) -> Table {
-    let mut seen = BTreeSet::new();
+    let mut seen = HashSet::new();
     let mut rows = Vec::new();
     let pairs = report.traffic_tallies.iter().flat_map(|one| one.tallies.iter());
     let mut pairs: Vec<(&str, &str)> = pairs
