@@ -6,7 +6,7 @@
 //! analysis::combination::combine(Vec<Run>) -> Run     pure: machines that were measured apart
 //! analyse(&Run, Traffic, settings) -> Report          pure, data alone
 //! Report::present() -> Presentation                   pure: remarks and tables; markdown, latex, html, json
-//! write(&Run, &Report)                                the run directory's `report/`, and nothing else of it
+//! write(&Run, &Report, Layout)                        the run directory's `report/`, and nothing else of it
 //! drift::history::judge(&[Night], settings) -> Drift  pure: many runs, and whether they change
 //! messages::write_messages                            the captures' messages, into `report/messages/`
 //! explain::explain([(&Source, a), (&Source, b)], ..)  why the errors of two scenarios differ
@@ -27,4 +27,7 @@ pub mod replay;
 pub use analysis::report::{Report, analyse};
 pub use input::run::{Run, load, load_by};
 pub use present::render::{LatexTable, ReportDocument};
-pub use present::writing::{WriteError, is_report_folder, write};
+pub use present::{
+    figure::Layout,
+    writing::{WriteError, is_report_folder, write},
+};

@@ -3,11 +3,11 @@
 //! main type is [`Figure`]; [`draw`] makes all of a report's.
 //!
 //! ```text
-//! pairs -> which windows        canvas -> a column's width, letters, axes
+//! pairs -> which windows        layout -> how wide      canvas -> letters, axes
 //! forest, control_loop, topology, trajectory, histogram, distributions -> Figure -> pdf, latex
 //! ```
 //!
-//! The drawings are as wide as a column of a paper and have no captions: those are text ([`Figure::caption`]), which LaTeX
+//! The drawings are as wide as the place where they are to stand ([`Layout`]) and have no captions: those are text ([`Figure::caption`]), which LaTeX
 //! and the page set.
 
 mod canvas;
@@ -16,6 +16,7 @@ mod distributions;
 mod forest;
 mod histogram;
 mod latex;
+mod layout;
 mod pairs;
 mod pdf;
 mod schematic;
@@ -29,8 +30,11 @@ mod tests;
 pub use canvas::FigureError;
 pub use pdf::{PdfError, of as pdf};
 
-pub use self::latex::{document as latex_document, float as latex_float};
 pub(crate) use self::pairs::chosen;
+pub use self::{
+    latex::{document as latex_document, float as latex_float},
+    layout::Layout,
+};
 use crate::{analysis::report::Report, input::run::Run};
 
 /// One drawn figure.
@@ -42,6 +46,8 @@ pub struct Figure {
     pub name: String,
     /// What is to be seen, in sentences.
     pub caption: String,
+    /// What it is drawn for.
+    pub layout: Layout,
     /// The drawing.
     pub svg: String,
 }
@@ -112,21 +118,21 @@ impl Kind {
 ///
 /// # Errors
 /// When the drawing library fails.
-pub fn draw(run: &Run, report: &Report) -> Result<Vec<Figure>, FigureError> {
-    let mut figures = Vec::from_iter(forest::draw(report)?);
-    figures.extend(sweep::draw(report)?);
+pub fn draw(run: &Run, report: &Report, layout: Layout) -> Result<Vec<Figure>, FigureError> {
+    let mut figures = Vec::from_iter(forest::draw(report, layout)?);
+    figures.extend(sweep::draw(report, layout)?);
     for pair in &report.causes {
-        figures.extend(forest::parts(report, pair)?);
+        figures.extend(forest::parts(report, pair, layout)?);
     }
-    figures.extend(control_loop::draw(run)?);
-    figures.extend(topology::draw(run)?);
-    figures.extend(distributions::example(report)?);
+    figures.extend(control_loop::draw(run, layout)?);
+    figures.extend(topology::draw(run, layout)?);
+    figures.extend(distributions::example(report, layout)?);
     for scenario in &run.scenarios {
-        figures.extend(trajectory::draw(report, scenario, run.error)?);
+        figures.extend(trajectory::draw(report, scenario, run.error, layout)?);
     }
     for pair in chosen(report).pairs {
-        figures.push(histogram::draw(report, &pair)?);
-        figures.push(distributions::draw(report, &pair)?);
+        figures.push(histogram::draw(report, &pair, layout)?);
+        figures.push(distributions::draw(report, &pair, layout)?);
     }
     Ok(figures)
 }

@@ -17,7 +17,7 @@ use crate::{
     input::run::Run,
     present::{
         Presentation,
-        figure::{self, FigureError, Kind, PdfError},
+        figure::{self, FigureError, Kind, Layout, PdfError},
         render::columns::{self, Pieces},
     },
 };
@@ -86,12 +86,12 @@ enum Failure {
 ///
 /// # Errors
 /// When a figure cannot be drawn, which is before anything of its metric is written, and when a file cannot be encoded or written.
-pub fn write(run: &Run, report: &Report) -> Result<(), WriteError> {
-    write_into(&run.report_folder, run, report)?;
+pub fn write(run: &Run, report: &Report, layout: Layout) -> Result<(), WriteError> {
+    write_into(&run.report_folder, run, report, layout)?;
     for other in &report.others {
         let folder = run.report_folder.join(other_folder(&other.quantity.name));
         folder.make_folder().map_err(at(&folder))?;
-        write_into(&folder, run, other)?;
+        write_into(&folder, run, other, layout)?;
     }
     Ok(())
 }
@@ -101,9 +101,9 @@ pub(crate) fn other_folder(metric: &str) -> PathBuf {
     Path::new("metrics").join(metric)
 }
 
-fn write_into(folder: &Place, run: &Run, report: &Report) -> Result<(), WriteError> {
+fn write_into(folder: &Place, run: &Run, report: &Report, layout: Layout) -> Result<(), WriteError> {
     let page = report.present();
-    let figures = figure::draw(run, report)?;
+    let figures = figure::draw(run, report, layout)?;
     // Each takes a while, and they have nothing to do with each other.
     let pdfs: Vec<Vec<u8>> = figures
         .par_iter()

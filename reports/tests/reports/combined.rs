@@ -324,7 +324,7 @@ fn a_combined_report_goes_where_it_is_told_and_leaves_the_runs_alone() {
         ..together(&[&runs[0], &runs[1]], Repeated::Refused).unwrap()
     };
     let report = analyse(&run, Traffic::default(), &run.manifest.report);
-    reports::write(&run, &report).unwrap();
+    reports::write(&run, &report, reports::Layout::default()).unwrap();
     let written: Value =
         serde_json::from_slice(&fs::read(folder.path().join("both/report.json")).unwrap()).unwrap();
     assert_eq!(written["run"], "first + second");

@@ -62,7 +62,7 @@ impl Mine {
 fn read_all_ways(directory: &RunDirectory) {
     if let Ok(run) = reports::load(directory.path()) {
         let report = analyse(&run, traffic::read(&run), &run.manifest.report);
-        let _ = reports::write(&run, &report);
+        let _ = reports::write(&run, &report, reports::Layout::default());
     }
     let _ = night_of(directory.path());
     let _ = write_messages(directory, &[]);

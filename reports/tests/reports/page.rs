@@ -13,7 +13,9 @@ fn page(scenarios: &[Scenario]) -> String {
     let synthetic = Synthetic::new(scenarios);
     let run = reports::load(synthetic.directory.path()).unwrap();
     let report = analyse(&run, Traffic::default(), &run.manifest.report);
-    report.present().html(&figure::draw(&run, &report).unwrap())
+    report
+        .present()
+        .html(&figure::draw(&run, &report, figure::Layout::default()).unwrap())
 }
 
 /// What is between a tag and its end, the first time.

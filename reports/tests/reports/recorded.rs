@@ -79,7 +79,7 @@ fn every_table_and_figure_is_the_stored_one() {
     let (_folder, directory) = copy();
     let run = reports::load(directory.path()).unwrap();
     let report = analyse(&run, traffic::read(&run), &run.manifest.report);
-    reports::write(&run, &report).unwrap();
+    reports::write(&run, &report, reports::Layout::default()).unwrap();
     let mut names = Vec::new();
     for folder in [
         directory.report().path(),

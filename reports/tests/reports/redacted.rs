@@ -192,7 +192,7 @@ fn no_file_of_a_redacted_report_has_a_name() {
         ..redacted
     };
     let report = analyse(&redacted, Traffic::default(), &redacted.manifest.report);
-    reports::write(&redacted, &report).unwrap();
+    reports::write(&redacted, &report, reports::Layout::default()).unwrap();
     assert_eq!(told_by(folder.path()), Vec::<String>::new());
     assert!(
         report

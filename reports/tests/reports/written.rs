@@ -10,7 +10,7 @@ use record::{
 };
 use reports::{
     analyse,
-    present::figure::{self, Kind},
+    present::figure::{self, Kind, Layout},
 };
 
 use crate::synthetic::{Scenario, Synthetic};
@@ -25,7 +25,12 @@ fn two_scenarios() -> Synthetic {
 
 fn write(synthetic: &Synthetic, settings: &ReportSettings) {
     let run = reports::load(synthetic.directory.path()).unwrap();
-    reports::write(&run, &analyse(&run, Traffic::default(), settings)).unwrap();
+    reports::write(
+        &run,
+        &analyse(&run, Traffic::default(), settings),
+        Layout::default(),
+    )
+    .unwrap();
 }
 
 /// Every file below a folder, with its content.
@@ -312,7 +317,7 @@ fn the_network_is_drawn_from_the_settings_of_the_run_once_for_each_that_there_is
     network.backend = NetworkBackend::Mininet;
     network.loss = "2%".parse().unwrap();
     let report = analyse(&run, Traffic::default(), &run.manifest.report);
-    let figures = figure::draw(&run, &report).unwrap();
+    let figures = figure::draw(&run, &report, Layout::default()).unwrap();
     let drawn = |name: &str| figures.iter().find(|figure| figure.name == name).unwrap();
     let of_mininet = &drawn("topology-b.svg").svg;
     for words in ["OpenFlow controller", "Open vSwitch", "2% loss"] {
@@ -324,12 +329,42 @@ fn the_network_is_drawn_from_the_settings_of_the_run_once_for_each_that_there_is
 }
 
 #[test]
+fn figures_are_as_wide_as_the_place_that_they_are_drawn_for() {
+    let synthetic = two_scenarios();
+    let run = reports::load(synthetic.directory.path()).unwrap();
+    let report = analyse(&run, Traffic::default(), &run.manifest.report);
+    for (layout, width, float) in [
+        (Layout::IeeeColumn, "252pt", "{figure}[tbp]"),
+        (Layout::IeeePage, "516pt", "{figure*}[tbp]"),
+        (Layout::LncsPage, "347pt", "{figure}[tbp]"),
+        (Layout::Slide, "640pt", "{figure}[tbp]"),
+    ] {
+        for figure in figure::draw(&run, &report, layout).unwrap() {
+            let size = format!("<svg width=\"{width}\" height=\"");
+            assert!(figure.svg.starts_with(&size), "{layout:?}: {}", figure.name);
+            assert!(
+                figure::latex_float(&figure).contains(float),
+                "{layout:?}: {}",
+                figure.name
+            );
+        }
+    }
+    // The letters of a slide are twice as large as its drawing, which is in the units of a column.
+    let slide = figure::draw(&run, &report, Layout::Slide).unwrap();
+    assert!(
+        slide[0].svg.contains("viewBox=\"0 0 3200 "),
+        "{}",
+        &slide[0].svg[..200]
+    );
+}
+
+#[test]
 fn without_names_the_papers_kinds_of_pairs_are_drawn_and_no_more_than_twelve() {
     let cdfs = |scenarios: &[Scenario]| -> (Vec<String>, Vec<String>) {
         let synthetic = Synthetic::new(scenarios);
         let run = reports::load(synthetic.directory.path()).unwrap();
         let report = analyse(&run, Traffic::default(), &run.manifest.report);
-        let figures = figure::draw(&run, &report).unwrap();
+        let figures = figure::draw(&run, &report, Layout::default()).unwrap();
         let drawn = figures.iter().filter(|figure| figure.kind == Kind::Distributions);
         (
             drawn.map(|figure| figure.stem().to_owned()).collect(),
@@ -369,7 +404,12 @@ fn a_report_that_cannot_be_written_says_where() {
     )
     .unwrap();
     let run = reports::load(synthetic.directory.path()).unwrap();
-    let error = reports::write(&run, &analyse(&run, Traffic::default(), &run.manifest.report)).unwrap_err();
+    let error = reports::write(
+        &run,
+        &analyse(&run, Traffic::default(), &run.manifest.report),
+        Layout::default(),
+    )
+    .unwrap_err();
     assert!(
         error.to_string().ends_with("report/figures cannot be written"),
         "{error}"

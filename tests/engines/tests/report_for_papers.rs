@@ -111,7 +111,7 @@ fn the_tables_compile_as_they_are_and_one_by_one_in_a_papers_column() {
 
 #[test]
 fn the_figures_compile_as_they_are_and_one_by_one_in_a_paper_of_two_columns() {
-    let (_workplace, folder) = report();
+    let (workplace, folder) = report();
     assert_eq!(compile(&folder, "figures.tex"), [""; 0]);
     let pdf = folder.join("figures.pdf");
     let words = said_by("pdftotext", &[pdf.to_str().unwrap(), "-"]);
@@ -146,6 +146,13 @@ fn the_figures_compile_as_they_are_and_one_by_one_in_a_paper_of_two_columns() {
     document.push_str("\\end{document}\n");
     fs::write(folder.join("paper.tex"), document).unwrap();
     assert_eq!(compile(&folder, "paper.tex"), [""; 0]);
+
+    let run = workplace.run_directory();
+    for layout in ["ieee-page", "lncs-page", "slide"] {
+        let ran = workplace.run(&["report", run.to_str().unwrap(), "--for", layout]);
+        assert_eq!(ran.code, Some(0), "{ran:?}");
+        assert_eq!(compile(&folder, "figures.tex"), [""; 0], "{layout}");
+    }
 }
 
 #[test]

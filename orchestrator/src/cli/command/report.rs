@@ -6,14 +6,17 @@ use std::{
     path::{Path, PathBuf},
 };
 
-use clap::Args;
+use clap::{
+    Args,
+    builder::{PossibleValuesParser, TypedValueParser},
+};
 use record::{
     exit::matrix::Exit,
     report_settings::ReportSettings,
     run_directory::{Place, PlannedScenario, ReadError, RunDirectory},
 };
 use reports::{
-    Run,
+    Layout, Run,
     analysis::{
         combination::{Repeated, combine},
         other_ways::{other_positions, other_ways},
@@ -82,6 +85,9 @@ pub struct ReportArguments {
     /// as the matrix file spells it.
     #[arg(long, value_name = "PAIRS")]
     figures: Option<String>,
+    /// What the figures are to stand in, which sets their width and the size of their letters.
+    #[arg(long = "for", value_name = "LAYOUT", default_value = Layout::default().name(), value_parser = layout())]
+    layout: Layout,
     /// Print every table, and not the conclusion and the scenarios alone.
     #[arg(long, conflicts_with = "json")]
     full: bool,
@@ -97,6 +103,11 @@ pub struct ReportArguments {
     sensitivity: bool,
     #[command(flatten)]
     pub(crate) output: OutputArguments,
+}
+
+fn layout() -> impl TypedValueParser<Value = Layout> {
+    let named = |name: String| Layout::ALL.into_iter().find(|layout| layout.name() == name);
+    PossibleValuesParser::new(Layout::ALL.map(Layout::name)).map(move |name| named(name).unwrap_or_default())
 }
 
 impl ReportArguments {
@@ -206,7 +217,7 @@ pub fn execute(arguments: &ReportArguments) -> Result<Exit, CommandError> {
             report.other_ways = other_ways(&report, &run, other.as_ref());
         }
     }
-    reports::write(&run, &report)
+    reports::write(&run, &report, arguments.layout)
         .map_err(|error| CommandError::new(Exit::Infrastructure, &error, Some(error.hint().to_owned())))?;
     let page = report.present();
     match (arguments.output.json, arguments.full) {

@@ -1,5 +1,5 @@
-//! What a figure is drawn on: a page as wide as a column of a paper, so that its letters have their size there. The main
-//! function is [`drawn`].
+//! What a figure is drawn on: a page as wide as the place where it is to stand, so that its letters have their size there. All lengths here
+//! and in the drawings are points on a column of a paper; where letters are larger, all is. The main function is [`drawn`].
 
 use std::{io, ops::Range};
 
@@ -18,7 +18,7 @@ use plotters::{
     },
 };
 
-use super::{Figure, Kind};
+use super::{Figure, Kind, Layout};
 use crate::present::colours::COLOURS;
 
 /// A figure could not be drawn.
@@ -96,11 +96,13 @@ pub(super) struct About {
 /// Draws one figure.
 pub(super) fn drawn(
     about: About,
+    layout: Layout,
     draw: impl Fn(&Area<'_>) -> Result<(), DrawingError>,
 ) -> Result<Figure, FigureError> {
     let warning_pt = if about.is_simulated { 12.0 } else { 0.0 };
     let height_pt = about.height_pt + warning_pt;
-    let size = (pt(COLUMN_PT).unsigned_abs(), pt(height_pt).unsigned_abs());
+    let width_pt = layout.width_pt() / layout.scale();
+    let size = (pt(width_pt).unsigned_abs(), pt(height_pt).unsigned_abs());
     let mut svg = String::new();
     let result = (|| {
         let area = SVGBackend::with_string(&mut svg, size).into_drawing_area();
@@ -124,20 +126,34 @@ pub(super) fn drawn(
                 true => format!("Simulated, not measured. {}", about.caption),
                 false => about.caption,
             },
-            svg: in_points(&svg, size, height_pt),
+            layout,
+            svg: in_points(&svg, size, layout.scale()),
         }),
         Err(source) => Err(FigureError { name, source }),
     }
 }
 
 /// The drawing at the size that it has on paper.
-fn in_points(svg: &str, (width, height): (u32, u32), height_pt: f64) -> String {
+fn in_points(svg: &str, (width, height): (u32, u32), scale: f64) -> String {
     let units = format!("width=\"{width}\" height=\"{height}\"");
+    // Of a tenth of a point no one sees a part.
+    let points = |units: u32| (f64::from(units) / UNITS_PER_PT * scale * 10.0).round() / 10.0;
     svg.replacen(
         &units,
-        &format!("width=\"{COLUMN_PT}pt\" height=\"{height_pt}pt\""),
+        &format!("width=\"{}pt\" height=\"{}pt\"", points(width), points(height)),
         1,
     )
+}
+
+/// How wide an area is, in points.
+pub(super) fn width_pt(area: &Area<'_>) -> f64 {
+    f64::from(area.dim_in_pixel().0) / UNITS_PER_PT
+}
+
+/// The middle of an area, as wide as a column.
+pub(super) fn column_of<'a>(area: &Area<'a>) -> Area<'a> {
+    let aside = pt((width_pt(area) - COLUMN_PT).max(0.0) / 2.0);
+    area.margin(0, 0, aside, aside)
 }
 
 /// Two axes to be drawn.
@@ -232,7 +248,7 @@ pub(super) fn legend<'a>(area: &Area<'a>, lines: &[(Sample, &str)]) -> Result<Ar
                 area.draw(&plotters::prelude::Rectangle::new(corners, edge))?;
             }
         }
-        let room_pt = COLUMN_PT - SAMPLE_PT - 8.0;
+        let room_pt = width_pt(area) - SAMPLE_PT - 8.0;
         area.draw(&Text::new(
             fitted(name, room_pt, LETTERS_PT),
             (pt(6.0 + SAMPLE_PT), middle),

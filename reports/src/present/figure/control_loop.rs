@@ -4,15 +4,15 @@ use plotters::style::text_anchor::HPos;
 use record::settings::Settings;
 
 use super::{
-    Figure, FigureError, Kind,
-    canvas::{About, Area, COLUMN_PT, DrawingError, drawn},
+    Figure, FigureError, Kind, Layout,
+    canvas::{About, Area, COLUMN_PT, DrawingError, column_of, drawn},
     schematic::{Schematic, alike, letters_of, of_the_ball},
     topology::delay,
 };
 use crate::input::run::Run;
 
 /// Draws each control loop of the run once.
-pub(super) fn draw(run: &Run) -> Result<Vec<Figure>, FigureError> {
+pub(super) fn draw(run: &Run, layout: Layout) -> Result<Vec<Figure>, FigureError> {
     let groups = alike(of_the_ball(run), |scenario| {
         let settings = &scenario.planned.settings;
         (values(settings), delay(&settings.network))
@@ -31,7 +31,7 @@ pub(super) fn draw(run: &Run) -> Result<Vec<Figure>, FigureError> {
             is_simulated: group.iter().any(|scenario| scenario.is_simulated()),
             height_pt: 122.0,
         };
-        Some(drawn(about, |area| draw_loop(area, delay)))
+        Some(drawn(about, layout, |area| draw_loop(&column_of(area), delay)))
     });
     figures.collect()
 }

@@ -11,7 +11,7 @@ use plotters::{
 };
 
 use super::{
-    Figure, FigureError, Kind,
+    Figure, FigureError, Kind, Layout,
     canvas::{
         About, Area, Axes, DASH_PT, DrawingError, LETTERS_PT, Sample, anchored, drawn, legend, line, pt,
     },
@@ -20,7 +20,7 @@ use super::{
 use crate::analysis::{comparison::Comparison, report::Report};
 
 /// Draws the distribution functions of two windows.
-pub(super) fn draw(report: &Report, pair: &WindowPair<'_>) -> Result<Figure, FigureError> {
+pub(super) fn draw(report: &Report, pair: &WindowPair<'_>, layout: Layout) -> Result<Figure, FigureError> {
     let comparison = &pair.comparison;
     let [first, second] = pair.names();
     let [a, b] = pair.scenarios;
@@ -60,11 +60,11 @@ pub(super) fn draw(report: &Report, pair: &WindowPair<'_>) -> Result<Figure, Fig
         y: format!("share of {}", report.quantity.value_nouns()[1]),
         distance: distance(comparison),
     };
-    drawn(about, |area| curves.draw(area))
+    drawn(about, layout, |area| curves.draw(area))
 }
 
 /// Draws an example of the test: of all pairs of windows of two scenarios the one of the median D. None if no two are compared.
-pub(super) fn example(report: &Report) -> Result<Option<Figure>, FigureError> {
+pub(super) fn example(report: &Report, layout: Layout) -> Result<Option<Figure>, FigureError> {
     let Some(pair) = pairs::of_median_d(report) else {
         return Ok(None);
     };
@@ -96,7 +96,7 @@ pub(super) fn example(report: &Report) -> Result<Option<Figure>, FigureError> {
         y: "F(x), G(x)".to_owned(),
         distance: "D".to_owned(),
     };
-    drawn(about, |area| curves.draw(area)).map(Some)
+    drawn(about, layout, |area| curves.draw(area)).map(Some)
 }
 
 fn distance(comparison: &Comparison<'_>) -> String {

@@ -10,7 +10,7 @@ use plotters::{
 };
 
 use super::{
-    Figure, FigureError, Kind,
+    Figure, FigureError, Kind, Layout,
     canvas::{
         About, Area, Axes, DrawingError, LEGEND_PT, LETTERS_PT, Sample, anchored, drawn, fitted, legend,
         line, pt,
@@ -34,22 +34,26 @@ const SHIFT: RGBColor = RGBColor(64, 64, 64);
 const BAND: RGBColor = RGBColor(232, 236, 240);
 
 /// Draws the shifts; none where no pair has data.
-pub(super) fn draw(report: &Report) -> Result<Option<Figure>, FigureError> {
+pub(super) fn draw(report: &Report, layout: Layout) -> Result<Option<Figure>, FigureError> {
     let Some(forest) = Forest::of(report) else {
         return Ok(None);
     };
     let about = about(Kind::Forest, String::new(), &forest, report);
-    drawn(about, |area| on(area, &forest, LETTERS_OF_A_PAIR_PT)).map(Some)
+    drawn(about, layout, |area| on(area, &forest, LETTERS_OF_A_PAIR_PT)).map(Some)
 }
 
 /// Draws the parts of a pair's difference; none where it was not explained.
-pub(super) fn parts(report: &Report, pair: &ExplainedPair) -> Result<Option<Figure>, FigureError> {
+pub(super) fn parts(
+    report: &Report,
+    pair: &ExplainedPair,
+    layout: Layout,
+) -> Result<Option<Figure>, FigureError> {
     let Found::Explanation(explained) = &pair.found else {
         return Ok(None);
     };
     let forest = Forest::of_explanation(explained, &report.quantity);
     let about = about(Kind::Causes, format!("{}-{}", pair.a, pair.b), &forest, report);
-    drawn(about, |area| on(area, &forest, FACTOR_PT)).map(Some)
+    drawn(about, layout, |area| on(area, &forest, FACTOR_PT)).map(Some)
 }
 
 fn about(kind: Kind, of: String, forest: &Forest, report: &Report) -> About {

@@ -6,7 +6,7 @@ use plotters::{
 };
 
 use super::{
-    Figure, FigureError, Kind,
+    Figure, FigureError, Kind, Layout,
     canvas::{About, Area, Axes, DrawingError, Sample, drawn, legend, line, pale},
     distributions::range,
     pairs::WindowPair,
@@ -17,7 +17,7 @@ use crate::analysis::report::Report;
 const BARS: usize = 24;
 
 /// Draws the histograms of two windows.
-pub(super) fn draw(report: &Report, pair: &WindowPair<'_>) -> Result<Figure, FigureError> {
+pub(super) fn draw(report: &Report, pair: &WindowPair<'_>, layout: Layout) -> Result<Figure, FigureError> {
     let quantity = &report.quantity;
     let samples = pair.samples(report);
     let [first, second] = pair.names();
@@ -40,7 +40,7 @@ pub(super) fn draw(report: &Report, pair: &WindowPair<'_>) -> Result<Figure, Fig
         height_pt: 165.0,
     };
     let (axis, share) = (quantity.axis(), format!("share of {}", quantity.value_nouns()[1]));
-    drawn(about, |area| {
+    drawn(about, layout, |area| {
         draw_bars(
             area,
             &samples,

@@ -4,20 +4,23 @@
 use super::Figure;
 use crate::present::render::prose;
 
-/// Columns as wide as those of the IEEE's papers, between which the floats go.
-const PREAMBLE: &str = "\\documentclass[twocolumn]{article}\n\\usepackage[T1]{fontenc}\n\\usepackage[utf8]{inputenc}\n\
-    \\IfFileExists{lmodern.sty}{\\usepackage{lmodern}}{}\n\
-    \\usepackage[a4paper,textwidth=516pt,columnsep=12pt,vmargin=2cm]{geometry}\n\\usepackage{graphicx}\n";
+/// What every document of figures has.
+const PREAMBLE: &str = "\\usepackage[T1]{fontenc}\n\\usepackage[utf8]{inputenc}\n\
+    \\IfFileExists{lmodern.sty}{\\usepackage{lmodern}}{}\n\\usepackage{graphicx}\n";
 /// LaTeX lets only so many floats wait for their place.
 const WAITING: usize = 12;
 
-/// A figure as a float of one column, which needs the package `graphicx` and `\graphicspath` to know the figures' folder.
+/// A figure as a float, of one column unless it is drawn for all of them, which needs the package `graphicx` and `\graphicspath` to know the figures' folder.
 #[must_use]
 pub fn float(figure: &Figure) -> String {
     let stem = figure.stem();
+    let (float, width) = match figure.layout.is_over_all_columns() {
+        true => ("figure*", "\\textwidth"),
+        false => ("figure", "\\columnwidth"),
+    };
     format!(
-        "\\begin{{figure}}[tbp]\n\\centering\n\\includegraphics[width=\\columnwidth]{{{stem}.pdf}}\n\\caption{{{}}}\n\
-         \\label{{fig:{stem}}}\n\\end{{figure}}\n",
+        "\\begin{{{float}}}[tbp]\n\\centering\n\\includegraphics[width={width}]{{{stem}.pdf}}\n\\caption{{{}}}\n\
+         \\label{{fig:{stem}}}\n\\end{{{float}}}\n",
         prose(&figure.caption)
     )
 }
@@ -25,9 +28,11 @@ pub fn float(figure: &Figure) -> String {
 /// A document of all figures, which compiles by itself beside the folder `folder` that they are in.
 #[must_use]
 pub fn document(figures: &[Figure], folder: &str) -> String {
+    let layout = figures.first().map(|figure| figure.layout).unwrap_or_default();
     let mut text = format!(
         "% The figures of a report. Compiles by itself; each is in the folder {folder}, too, for \\input.\n\
-         {PREAMBLE}\\graphicspath{{{{{folder}/}}}}\n\\begin{{document}}\n"
+         {}{PREAMBLE}\\graphicspath{{{{{folder}/}}}}\n\\begin{{document}}\n",
+        layout.document()
     );
     if figures.is_empty() {
         text.push_str("No window has data: nothing is drawn.\n");

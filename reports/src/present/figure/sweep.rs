@@ -7,7 +7,7 @@ use plotters::{
 };
 
 use super::{
-    Figure, FigureError, Kind,
+    Figure, FigureError, Kind, Layout,
     canvas::{About, Area, Axes, DrawingError, LEGEND_PT, Sample, colour, drawn, legend, line, pt},
 };
 use crate::{
@@ -19,12 +19,12 @@ use crate::{
 const MOST_NAMED: usize = 14;
 
 /// Draws a figure for each swept setting.
-pub(super) fn draw(report: &Report) -> Result<Vec<Figure>, FigureError> {
+pub(super) fn draw(report: &Report, layout: Layout) -> Result<Vec<Figure>, FigureError> {
     let sweeps = Sweep::all(report).into_iter();
-    sweeps.map(|sweep| of(report, &sweep)).collect()
+    sweeps.map(|sweep| of(report, &sweep, layout)).collect()
 }
 
-fn of(report: &Report, sweep: &Sweep) -> Result<Figure, FigureError> {
+fn of(report: &Report, sweep: &Sweep, layout: Layout) -> Result<Figure, FigureError> {
     let named: Vec<&Line> = sweep.lines.iter().filter(|line| !line.name.is_empty()).collect();
     let is_named = named.len() <= MOST_NAMED;
     let legend_lines = if is_named { named.len() } else { 0 };
@@ -44,7 +44,7 @@ fn of(report: &Report, sweep: &Sweep) -> Result<Figure, FigureError> {
         height_pt: 160.0 + LEGEND_PT * legend_lines as f64,
     };
     let name = report.quantity.heading(&report.quantity.name);
-    drawn(about, |area| on(area, sweep, &name, is_named))
+    drawn(about, layout, |area| on(area, sweep, &name, is_named))
 }
 
 /// An axis's name in a file's.

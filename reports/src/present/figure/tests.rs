@@ -42,7 +42,7 @@ fn figures() -> Vec<Figure> {
     };
     let mut report = analyse(&run, Traffic::default(), &settings);
     report.causes = vec![explained()];
-    draw(&run, &report).unwrap()
+    draw(&run, &report, Layout::default()).unwrap()
 }
 
 fn explained() -> ExplainedPair {

@@ -4,14 +4,14 @@ use plotters::style::text_anchor::HPos;
 use record::settings::{NetworkBackend, NetworkSettings, RosMaster};
 
 use super::{
-    Figure, FigureError, Kind,
-    canvas::{About, Area, COLUMN_PT, DrawingError, drawn},
+    Figure, FigureError, Kind, Layout,
+    canvas::{About, Area, COLUMN_PT, DrawingError, column_of, drawn},
     schematic::{Schematic, alike, letters_of, of_the_ball},
 };
 use crate::input::run::Run;
 
 /// Draws each network of the run once.
-pub(super) fn draw(run: &Run) -> Result<Vec<Figure>, FigureError> {
+pub(super) fn draw(run: &Run, layout: Layout) -> Result<Vec<Figure>, FigureError> {
     // Of other networks a drawing with one description of all links would be wrong.
     let drawable = of_the_ball(run).filter(|scenario| has_equal_links(&scenario.planned.settings.network));
     let groups = alike(drawable, |scenario| {
@@ -42,7 +42,7 @@ pub(super) fn draw(run: &Run) -> Result<Vec<Figure>, FigureError> {
                 false => 115.0,
             },
         };
-        Some(drawn(about, |area| draw_network(area, links, *backend, *master)))
+        Some(drawn(about, layout, |area| draw_network(&column_of(area), links, *backend, *master)))
     });
     figures.collect()
 }

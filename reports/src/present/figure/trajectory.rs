@@ -5,7 +5,7 @@ use plotters::{prelude::RGBColor, series::LineSeries, style::ShapeStyle};
 use record::{report_settings::ErrorOf, run_directory::PeriodPath};
 
 use super::{
-    Figure, FigureError, Kind,
+    Figure, FigureError, Kind, Layout,
     canvas::{About, Area, Axes, DrawingError, Sample, colour, drawn, legend, line, pt},
 };
 use crate::{analysis::report::Report, input::run::ScenarioRun, present::colours};
@@ -21,6 +21,7 @@ pub(super) fn draw(
     report: &Report,
     scenario: &ScenarioRun,
     error: ErrorOf,
+    layout: Layout,
 ) -> Result<Option<Figure>, FigureError> {
     let mut counted = scenario.counted();
     let Some((window, trace)) = counted.find_map(|(window, _, data)| Some((window, data.trace()?))) else {
@@ -44,7 +45,7 @@ pub(super) fn draw(
     };
     let period_s = planned.settings.period.as_secs_f64();
     let actual = colour(colours::of(report, &planned.id));
-    drawn(about, |area| {
+    drawn(about, layout, |area| {
         draw_period(area, &trace.last_period, actual, period_s)
     })
     .map(Some)
