@@ -113,6 +113,8 @@ pub struct WindowReport {
 pub struct VerdictReport<'a> {
     /// Which, such as `windows 2 to 3`.
     pub windows: String,
+    /// How many they are.
+    pub count: usize,
     /// As [`WindowReport::verdict`].
     pub verdict: &'static str,
     /// Whether they count all the same.
@@ -157,6 +159,7 @@ impl ScenarioReport {
                     1 => format!("window {}", first.number),
                     _ => format!("windows {} to {}", first.number, last.number),
                 },
+                count: run.len(),
                 verdict: first.verdict,
                 counted: first.is_counted,
                 reasons: &first.reasons,

@@ -4,7 +4,7 @@
 //! It is the change-point chart of Hawkins, Qiu and Kang (*The changepoint model for statistical process control*, Journal of
 //! Quality Technology 35, 2003): the mean since a night is compared with the mean before it, for each night that the change may
 //! have begun with, and the largest comparison is held against a limit. It needs no learning phase, since mean and scale are
-//! estimated anew each night. Four things are different from theirs:
+//! estimated anew each night. Five things are different from theirs:
 //!
 //! - **Outliers**: nights further than [`CLIP`] robust standard deviations from the median count as if they were there (Huber's
 //!   winsorising), so that a single night moves no mean by more.
@@ -15,6 +15,8 @@
 //! - **The limit** depends on how much the nights say of a change: in units of independent nights, I = b·m/(b + m) for b nights
 //!   before and m since. It is that of a CUSUM for changes of one standard deviation, h·(√(I/I₀) + √(I₀/I))/2, and at most
 //!   [`CAP`] as large where few nights speak, so that large changes are found as soon as by a chart for these.
+//! - **Nights without a spread**: where all nights before are equal, and so are all since, no spread says how clear the change is. The
+//!   probability is then that of the order: one in as many as there are choices of the nights since.
 //! - **A new level does not make it blind**: after [`Chart::restart`], how much nights differ, and φ, come from all nights, each
 //!   around the level of its own time.
 //!
@@ -307,7 +309,11 @@ impl Chart {
                 products: earlier.sums.products + a.products + b.products,
             };
             if sums.squares <= all.squares * 1e-12 {
-                continue;
+                // The nights before are all equal, and so are those since.
+                return Some((
+                    self.begins + at,
+                    limit(of_equal_nights(before.nights, since.nights)),
+                ));
             }
             let means = 2.0 - 1.0 / before.nights.min(since.nights) + earlier.lengths.len() as f64;
             let phi = cautious(unbiased(sums, total, means), total);
@@ -393,6 +399,16 @@ pub fn place(values: &[f64], phi: f64, from: usize, to: usize) -> Option<usize> 
         since -= clipped[at];
     }
     best
+}
+
+/// The probability that the nights with one of two values come last, whatever the order of the nights: one in as many as there are
+/// choices of that many nights.
+fn of_equal_nights(before: f64, since: f64) -> f64 {
+    let steps = 1..=since.min(1000.0) as usize;
+    steps
+        .map(|step| step as f64 / (before + step as f64))
+        .product::<f64>()
+        .max(f64::MIN_POSITIVE)
 }
 
 /// The square of the normal quantile that has the probability of Student's t (Wallace, *Bounds on normal approximations to

@@ -250,6 +250,21 @@ fn where_nothing_can_be_told_nothing_is(#[case] values: &[f64]) {
     assert!(places(values, LEVEL).is_empty());
 }
 
+/// No spread says how clear the change is; the order of the nights does. Three nights of nineteen come last in one of 969 orders.
+#[rstest]
+#[case::sixteen_before(16, 3, &[16])]
+#[case::one_too_few_since(16, 2, &[])]
+#[case::eight_before(8, 5, &[8])]
+#[case::one_too_few_since_eight(8, 4, &[])]
+fn nights_that_were_all_equal_and_are_now_equal_to_another_number_have_changed(
+    #[case] before: usize,
+    #[case] since: usize,
+    #[case] found: &[usize],
+) {
+    let values = [vec![53.204; before], vec![61.84; since]].concat();
+    assert_eq!(places(&values, LEVEL), found);
+}
+
 #[test]
 fn one_night_far_off_is_withdrawn_in_the_next() {
     let mut values = Nights::Normal.values(60, 8);

@@ -18,7 +18,7 @@ const MOST_SHOWN: usize = 40;
 const PLOT: [usize; 2] = [24, 9];
 /// Scenarios that have their plots below, where there is no room beside.
 const MOST_BELOW: usize = 12;
-/// Windows in a row of which it is said why they are not valid.
+/// Scenarios of whose windows it is said why they are not valid.
 const MOST_REASONS: usize = 6;
 /// The column of the value.
 const VALUE: usize = 3;
@@ -202,6 +202,12 @@ fn legend(report: &Report, axes: &Axes) -> String {
     };
     text.push_str(&report.method());
     text.push_str(" Beside the mean: from the 5 % to the 95 % quantile, the quartiles (`=`) and the median (`o`) of all values.");
+    if !report.contrasts.pairs.is_empty() {
+        text.push_str(
+            " A size in the sentences above is the median of the differences between a window of the one scenario and a window of the \
+             other, which single windows move less than they do the means.",
+        );
+    }
     text
 }
 
@@ -219,17 +225,40 @@ fn unmeasured(report: &Report) -> Vec<String> {
     lines.collect()
 }
 
-/// Why windows are not valid, of the first of them.
+/// Why windows are not valid: of each scenario the first that is suspect, the first that is invalid, and so on, with how many are so.
 fn not_valid(report: &Report) -> Vec<String> {
-    let all = report.scenarios.iter().flat_map(|scenario| {
-        let verdicts = scenario.verdicts().into_iter();
-        verdicts.map(move |verdict| format!("{} {verdict}: {}", scenario.id, verdict.reasons.join(" ")))
-    });
-    let mut all: Vec<String> = all.collect();
-    let more = all.len().saturating_sub(MOST_REASONS);
-    all.truncate(MOST_REASONS);
-    all.extend((more > 0).then(|| format!("{more} more windows are not valid: `tables.md` says why.")));
-    all
+    let mut lines = Vec::new();
+    for scenario in &report.scenarios {
+        let verdicts = scenario.verdicts();
+        let mut told: Vec<&str> = Vec::new();
+        for first in &verdicts {
+            if told.contains(&first.verdict) {
+                continue;
+            }
+            told.push(first.verdict);
+            let alike = scenario
+                .windows
+                .iter()
+                .filter(|window| window.verdict == first.verdict);
+            let others = alike.count().saturating_sub(first.count);
+            let others = match others {
+                0 => String::new(),
+                1 => format!(" One more is {}.", first.verdict),
+                more => format!(" {more} more are {}.", first.verdict),
+            };
+            lines.push(format!(
+                "{} {first}: {}{others}",
+                scenario.id,
+                first.reasons.join(" ")
+            ));
+        }
+    }
+    let more = lines.len().saturating_sub(MOST_REASONS);
+    lines.truncate(MOST_REASONS);
+    lines.extend((more > 0).then(|| format!("{more} more scenarios have windows that are not valid.")));
+    let is_left_out = more > 0 || lines.iter().any(|line| line.contains(" more "));
+    lines.extend(is_left_out.then(|| "`tables.md` says of every window why it is not valid.".to_owned()));
+    lines
 }
 
 /// What is to be said of the scenarios' environments, those of which the same is to be said together.
