@@ -262,7 +262,7 @@ impl Report {
         match self.quantity.margin() {
             _ if !has(&open) => None,
             Some(margin) => Some(format!(
-                "More {unit}s narrow the intervals, until they lie within ±{margin} or beyond."
+                "More {unit}s narrow the interval, until it lies within ±{margin}, which does not matter here, or outside."
             )),
             None => Some(format!(
                 "More {unit}s narrow the intervals. Declare from which size on a difference matters ({}) to have them judged by it.",

@@ -1,8 +1,8 @@
 //! How large a difference is, in the unit of the error and with an interval. Windows are the units: intervals come from
 //! how windows differ, since the values of one window are no independent measurements. The main type is [`Effect`].
 //!
-//! - **Shift**: the Hodges-Lehmann estimate (1963) on window levels, the median of all differences of a window mean of
-//!   the second scenario and one of the first. Its interval is of all shifts of the mean level that [`MeanShift`] does not reject.
+//! - **Shift**: the difference of the mean window levels, second less first. Its interval is of all shifts of the mean level that
+//!   [`MeanShift`] does not reject.
 //! - **Wasserstein-1 distance** of the pooled values: by how much the errors would have to be moved on the mean to make
 //!   the one distribution the other. Never negative.
 //! - **Probability of superiority**: that a value of the second scenario is larger than one of the first, ties by half.
@@ -46,7 +46,7 @@ pub struct Interval {
 /// By how much two scenarios differ; positive or above one half where the second has the larger errors.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Effect {
-    /// Hodges-Lehmann shift of the window means, in metres.
+    /// The difference of the mean window levels, in metres.
     pub shift: Estimate,
     /// Wasserstein-1 distance of the pooled values, in metres.
     pub wasserstein: Estimate,
@@ -59,19 +59,14 @@ impl Effect {
     /// none if one of them has none.
     #[must_use]
     pub fn of(a: &[&[f64]], b: &[&[f64]], shift: Option<&MeanShift>) -> Option<Self> {
-        let estimate = hodges_lehmann(&levels(a), &levels(b))?;
+        let shifted = level(&levels(b))? - level(&levels(a))?;
         let windows: Vec<&[f64]> = a.iter().chain(b).copied().collect();
         let merged = PooledRanks::of(&windows);
         let interval = shift.and_then(|shift| shift.interval_or_best(CONFIDENCE));
         Some(Self {
             shift: Estimate {
-                value: estimate,
-                interval: interval.map(|it| Interval {
-                    // The estimates of a median and of a mean may be on different sides of its end.
-                    low: it.low.min(estimate),
-                    high: it.high.max(estimate),
-                    confidence: it.confidence,
-                }),
+                value: shifted,
+                interval,
             },
             wasserstein: wasserstein(&merged, a.len()),
             superiority: superiority(&merged, a.len()),
@@ -98,11 +93,6 @@ pub fn median(mut values: Vec<f64>) -> Option<f64> {
 #[must_use]
 pub fn levels(windows: &[&[f64]]) -> Vec<f64> {
     windows.iter().filter_map(|window| level(window)).collect()
-}
-
-/// The median of all differences of a level of the second and one of the first; none where a side has none.
-fn hodges_lehmann(a: &[f64], b: &[f64]) -> Option<f64> {
-    median(b.iter().flat_map(|b| a.iter().map(move |a| b - a)).collect())
 }
 
 /// How many pairs of a value of window `i` of the first scenario and one of window `j` of the second have the second one

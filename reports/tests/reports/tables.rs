@@ -865,7 +865,7 @@ fn how_large_the_differences_are_comes_before_any_count() {
     let page = report.present();
     assert_eq!(page.tables[0].id, "shifts");
     let markdown = page.markdown();
-    assert!(markdown.find("b–d  +43.880").unwrap() < markdown.find("Table III").unwrap());
+    assert!(markdown.find("b–d  +43.091").unwrap() < markdown.find("Table III").unwrap());
     let figures = figure::draw(&run, &report, figure::Layout::default()).unwrap();
     assert_eq!(figures[0].kind, figure::Kind::Forest);
     let html = page.html(&figures);

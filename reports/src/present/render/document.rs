@@ -575,7 +575,7 @@ pub struct BlocksEntry {
 #[derive(Serialize)]
 #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 pub struct EffectEntry {
-    /// Hodges-Lehmann shift of the window means.
+    /// The difference of the mean window levels.
     pub shift: EstimateEntry,
     /// Wasserstein-1 distance of the pooled values.
     pub wasserstein: EstimateEntry,

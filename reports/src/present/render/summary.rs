@@ -202,12 +202,6 @@ fn legend(report: &Report, axes: &Axes) -> String {
     };
     text.push_str(&report.method());
     text.push_str(" Beside the mean: from the 5 % to the 95 % quantile, the quartiles (`=`) and the median (`o`) of all values.");
-    if !report.contrasts.pairs.is_empty() {
-        text.push_str(
-            " A size in the sentences above is the median of the differences between a window of the one scenario and a window of the \
-             other, which single windows move less than they do the means.",
-        );
-    }
     text
 }
 

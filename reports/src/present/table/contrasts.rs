@@ -218,7 +218,7 @@ fn effects(report: &Report) -> Table {
         rows: rows(&report.contrasts, row),
         notes: vec![
             format!(
-                "Of the second scenario against the first. Shift: Hodges-Lehmann, of window means, with the interval of the shifts \
+                "Of the second scenario against the first. Shift: the difference of the means over windows, with the interval of the shifts \
                  that are not rejected (confidence {confidence}). W1: Wasserstein distance of the values; never negative. \
                  P(larger): that a value of the second is the larger one. Their intervals are of 95 % or more, from how the windows \
                  of a side differ."
