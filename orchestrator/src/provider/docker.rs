@@ -523,7 +523,6 @@ async fn check_workload(engine: &Engine, container: &str, image: &Image) -> Resu
     })
 }
 
-/// An entry point is a program of an image.
 /// Why an image without programs does not do for a need.
 #[must_use]
 pub fn lacking(base: Base<'_>, need: &Need) -> Option<Availability> {
@@ -540,6 +539,7 @@ pub fn lacking(base: Base<'_>, need: &Need) -> Option<Availability> {
     })
 }
 
+/// An entry point is a program of an image.
 fn no_entrypoint() -> ProviderError {
     ProviderError::Unsupported {
         provider: NAME.to_owned(),

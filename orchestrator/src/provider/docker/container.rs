@@ -247,13 +247,13 @@ fn i64_of(number: u64) -> i64 {
 }
 
 #[cfg(test)]
-mod tests {
+pub(super) mod tests {
     use record::{quantity::TimeSpan, settings::Settings};
 
     use super::*;
     use crate::provider::docker::settings::SystemCalls;
 
-    fn request() -> EnvironmentRequest {
+    pub fn request() -> EnvironmentRequest {
         EnvironmentRequest {
             environment: "matrix-r1-a-1".to_owned(),
             run: "r1".to_owned(),

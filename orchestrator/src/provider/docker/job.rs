@@ -63,7 +63,7 @@ pub fn container(
         Base::Image(image) => JobImage::Named(image.to_owned()),
         Base::Nothing if entrypoint.is_empty() => JobImage::Empty {
             name: image::EMPTY.to_owned(),
-            labels: Labels::of_recipe().write().into_iter().collect(),
+            labels: Labels::of_image_without_workload().write().into_iter().collect(),
         },
         Base::Nothing => return Err(no_entrypoint()),
         Base::Recipe(_) => {
@@ -126,24 +126,11 @@ impl Options {
 
 #[cfg(test)]
 mod tests {
-    use record::{quantity::TimeSpan, settings::Settings};
+    use record::quantity::TimeSpan;
     use rstest::rstest;
 
     use super::*;
-    use crate::provider::docker::{recipe::Recipe, settings::SystemCalls};
-
-    fn request() -> EnvironmentRequest {
-        EnvironmentRequest {
-            environment: "matrix-r1-a-1".to_owned(),
-            run: "r1".to_owned(),
-            run_directory: "/runs/r1".into(),
-            scenario: "a".to_owned(),
-            host: "lab".to_owned(),
-            settings: Settings::default(),
-            windows: vec![1, 2],
-            files: None,
-        }
-    }
+    use crate::provider::docker::{container::tests::request, recipe::Recipe, settings::SystemCalls};
 
     #[test]
     fn a_container_of_a_job_has_no_capability_and_no_network_of_the_engines() {

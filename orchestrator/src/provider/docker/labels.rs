@@ -54,9 +54,9 @@ impl Labels {
         Self::with([(WORKLOAD, workload_sha256.to_owned()), (IMAGE_OWNER, owner())])
     }
 
-    /// Of an image of packages, without a workload.
+    /// Of an image without a workload: one of packages, or one without a file.
     #[must_use]
-    pub fn of_recipe() -> Self {
+    pub fn of_image_without_workload() -> Self {
         Self::with([(IMAGE_OWNER, owner())])
     }
 

@@ -247,7 +247,7 @@ async fn hand_over(engine: &Engine, name: &str, root: &Path) -> Result<(), Provi
         .await
         .map_err(|error| ProviderError::of_this_machine(&action, error))?;
     let (repository, tag) = name.split_once(':').unwrap_or((name, "latest"));
-    let labels: HashMap<String, String> = Labels::of_recipe().write();
+    let labels: HashMap<String, String> = Labels::of_image_without_workload().write();
     let changes: Vec<String> = labels
         .iter()
         .map(|(label, value)| format!("LABEL {label}={value}"))
