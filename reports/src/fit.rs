@@ -15,9 +15,10 @@ use hdrhistogram::Histogram;
 use record::{
     platform_model::{PlatformModel, Quantile, Quantiles, StallModel, TickLateness},
     quantity::{Fraction, TimeSpan},
-    run_directory::{PlannedScenario, ReadError, RunDirectory, RunRecords, ScenarioState},
+    run_directory::{PlannedScenario, ReadError, RunDirectory, RunRecords, ScenarioState, read_environment},
     settings::Settings,
 };
+use simulation::virtual_time::tcp::CONGESTION_CONTROL;
 
 use crate::{
     input::loop_logs::{LoggedWindow, LoopLogs, Row, logged_windows, of_the_ball, runs_of_the_loop},
@@ -146,7 +147,7 @@ pub fn of_scenario(
             source,
         }
     })?;
-    let mut remarks = Vec::new();
+    let mut remarks = Vec::from_iter(other_congestion_control(directory, planned, known));
     let links_ns = 2 * nanoseconds(planned.settings.network.delay.duration());
     let (stack, reading) = match ways.of_packets.median_ns() {
         Some(median_ns) => (time((median_ns - links_ns).max(0)), ways.of_reading.quantiles()),
@@ -186,6 +187,27 @@ pub fn of_scenario(
         model,
         remarks,
     }))
+}
+
+/// That the scenario's TCP is not the simulation's, which no figure of a platform can make up for.
+fn other_congestion_control(
+    directory: &RunDirectory,
+    planned: &PlannedScenario,
+    known: &ScenarioState,
+) -> Option<String> {
+    // A simulated scenario has the simulation's, whatever its machine has.
+    if planned.simulated {
+        return None;
+    }
+    let place = directory.environment(&planned.slug);
+    let record = read_environment(&place, known.environment_sha256s()).ok()?;
+    let measured = record.platform?.tcp_congestion_control()?.to_owned();
+    (measured != CONGESTION_CONTROL).then(|| {
+        format!(
+            "TCP had the congestion control `{measured}`, and has `{CONGESTION_CONTROL}` in the simulation: after a loss, messages wait \
+             differently; to measure with it, run `sysctl net.ipv4.tcp_congestion_control={CONGESTION_CONTROL}` first"
+        )
+    })
 }
 
 /// Both loops of a scenario.

@@ -22,7 +22,7 @@ mod tails;
 use record::report_settings::Method;
 use serde::{Deserialize, Serialize};
 
-pub use columns::{PairColumns, PairCounts};
+pub use columns::{Counting, PairColumns, PairCounts, key};
 pub use numbers::{NumbersError, read_numbers};
 pub use pool::{Partners, Pool};
 pub use tails::SharedTails;

@@ -1,5 +1,5 @@
-//! The comparisons as one polars frame. It is made in pieces of some hundred thousand rows: each is counted as it is made,
-//! by a group-by, and is kept only if all of them are listed, so that ten million comparisons take the memory of one piece.
+//! The comparisons as one polars frame, and their counts as another. Comparisons that are listed are made in pieces of some hundred thousand rows,
+//! each of which is counted by a group-by. Of more than are listed there is no row: ten million are counted as they are made.
 
 use std::{ops::Range, sync::Arc};
 
@@ -10,7 +10,7 @@ use polars::{
     prelude::{BooleanChunked, Float64Chunked, StringChunked, UInt32Chunked, UInt64Chunked},
 };
 use record::report_settings::{Method, ReportSettings};
-use statistics::ks::{PairColumns, Pool, Procedure, SharedTails};
+use statistics::ks::{Counting, PairColumns, PairCounts, Pool, Procedure, SharedTails, key};
 
 use super::{Comparison, FrameError, LISTED, Tally, TestResult, WindowValues, pairs_of};
 use crate::analysis::sample::Sample;
@@ -109,24 +109,34 @@ fn compare_windows(
         method: settings.method,
         ..Procedure::default()
     };
-    let known = Arc::new(SharedTails::default());
-    let is_listed = pairs_of(windows.len()) <= listed;
     let scenarios = Scenarios::of(windows);
     // Without a row they have their columns all the same.
     let none = PairColumns::default();
     let mut frame = piece(windows, &none, settings)?;
     let mut counts = counted(&none, &scenarios, settings)?;
-    for firsts in pieces(windows.len()) {
-        let Some(pool) = &pool else { break };
-        let tests = pool.columns(firsts, procedure, &known);
-        counts.vstack_mut_owned(counted(&tests, &scenarios, settings)?)?;
-        if is_listed {
-            frame.vstack_mut_owned(piece(windows, &tests, settings)?)?;
+    match &pool {
+        Some(pool) if pairs_of(windows.len()) > listed => {
+            let by = Counting {
+                groups: &scenarios.of,
+                alpha: settings.alpha,
+                procedure,
+            };
+            counts = in_columns(pool.counts(by))?;
         }
+        Some(pool) => {
+            let known = Arc::new(SharedTails::default());
+            for firsts in pieces(windows.len()) {
+                let tests = pool.columns(firsts, procedure, &known);
+                counts.vstack_mut_owned(counted(&tests, &scenarios, settings)?)?;
+                frame.vstack_mut_owned(piece(windows, &tests, settings)?)?;
+            }
+            counts = sums(&counts, &[KEY], &SUMS)?;
+        }
+        None => {}
     }
     Ok(Comparisons {
         frame,
-        counts: scenarios.named(&sums(&counts, &[KEY], &SUMS)?)?,
+        counts: scenarios.named(&counts)?,
     })
 }
 
@@ -206,20 +216,36 @@ fn piece(
     ]
 }
 
-/// The tests counted by the pair of scenarios.
+/// The tests that are listed, counted by the pair of scenarios.
 fn counted(
     tests: &PairColumns,
     scenarios: &Scenarios<'_>,
     settings: &ReportSettings,
 ) -> PolarsResult<DataFrame> {
-    let counts = tests.counts(&scenarios.of, settings.alpha, settings.method);
-    let each = df![
+    let of = |sample: &u32| scenarios.of[*sample as usize];
+    let pairs = tests.first.iter().zip(&tests.second);
+    let each = in_columns(PairCounts {
+        key: pairs
+            .map(|(first, second)| key([of(first), of(second)]))
+            .collect(),
+        tests: vec![1; tests.len()],
+        rejected: tests.p.iter().map(|p| u32::from(*p < settings.alpha)).collect(),
+        of_another_method: tests
+            .method
+            .iter()
+            .map(|it| u32::from(*it != settings.method))
+            .collect(),
+    })?;
+    sums(&each, &[KEY], &SUMS)
+}
+
+fn in_columns(counts: PairCounts) -> PolarsResult<DataFrame> {
+    df![
         KEY => counts.key,
         SUMS[0] => counts.tests,
         SUMS[1] => counts.rejected,
         SUMS[2] => counts.of_another_method,
-    ]?;
-    sums(&each, &[KEY], &SUMS)
+    ]
 }
 
 /// The sums of some columns by keys, in the order in which the keys first appear.

@@ -6,7 +6,7 @@ use record::settings::Settings;
 use super::{
     Figure, FigureError, Kind, Layout,
     canvas::{About, Area, COLUMN_PT, DrawingError, column_of, drawn},
-    schematic::{Schematic, alike, letters_of, of_the_ball},
+    schematic::{MOST_DRAWN, Schematic, alike, letters_of, not_drawn, of_the_ball},
     topology::delay,
 };
 use crate::input::run::Run;
@@ -17,7 +17,8 @@ pub(super) fn draw(run: &Run, layout: Layout) -> Result<Vec<Figure>, FigureError
         let settings = &scenario.planned.settings;
         (values(settings), delay(&settings.network))
     });
-    let figures = groups.iter().filter_map(|((values, delay), group)| {
+    let shown = groups.iter().take(MOST_DRAWN).enumerate();
+    let figures = shown.filter_map(|(at, ((values, delay), group))| {
         let first = group.first()?;
         let about = About {
             kind: Kind::ControlLoop,
@@ -25,8 +26,9 @@ pub(super) fn draw(run: &Run, layout: Layout) -> Result<Vec<Figure>, FigureError
             caption: format!(
                 "The control loop: R(s) is the target, E(s) the error, U(s) the input of the plant and Y(s) its output. The network \
                  delays U(s) on its way from controller to actuator (ca), and Y(s) on its way from sensor to controller (sc). {}: \
-                 {values}.",
-                letters_of(group)
+                 {values}.{}",
+                letters_of(group),
+                not_drawn(at, groups.len())
             ),
             is_simulated: group.iter().any(|scenario| scenario.is_simulated()),
             height_pt: 122.0,

@@ -122,6 +122,19 @@ pub(super) fn alike<'a, K: PartialEq>(
     groups
 }
 
+/// Drawings of one kind that differ in a value. A sweep of hundreds has no use for one of each.
+pub(super) const MOST_DRAWN: usize = 24;
+
+/// What the caption of the drawing of this number, from 0, says of those that are not drawn.
+pub(super) fn not_drawn(number: usize, of: usize) -> String {
+    match of.checked_sub(MOST_DRAWN) {
+        Some(more @ 1..) if number + 1 == MOST_DRAWN => {
+            format!(" The run has {more} more like it with other values, which are not drawn.")
+        }
+        _ => String::new(),
+    }
+}
+
 /// The scenarios that measure the ball on the plate, whose parts are known.
 pub(super) fn of_the_ball(run: &Run) -> impl Iterator<Item = &ScenarioRun> {
     let scenarios = run.scenarios.iter();
@@ -141,4 +154,16 @@ pub(super) fn letters_of(group: &[&ScenarioRun]) -> String {
     }
     let noun = if group.len() == 1 { "Scenario" } else { "Scenarios" };
     format!("{noun} {}", letters.join(", "))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_last_of_too_many_drawings_says_how_many_are_left_out() {
+        assert_eq!(not_drawn(MOST_DRAWN - 1, MOST_DRAWN), "");
+        assert_eq!(not_drawn(0, MOST_DRAWN + 6), "");
+        assert!(not_drawn(MOST_DRAWN - 1, MOST_DRAWN + 6).contains("6 more"));
+    }
 }

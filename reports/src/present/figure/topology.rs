@@ -6,7 +6,7 @@ use record::settings::{NetworkBackend, NetworkSettings, RosMaster};
 use super::{
     Figure, FigureError, Kind, Layout,
     canvas::{About, Area, COLUMN_PT, DrawingError, column_of, drawn},
-    schematic::{Schematic, alike, letters_of, of_the_ball},
+    schematic::{MOST_DRAWN, Schematic, alike, letters_of, not_drawn, of_the_ball},
 };
 use crate::input::run::Run;
 
@@ -23,18 +23,20 @@ pub(super) fn draw(run: &Run, layout: Layout) -> Result<Vec<Figure>, FigureError
             settings.ros.master,
         )
     });
-    let figures = groups.iter().filter_map(|((links, backend, master), group)| {
+    let shown = groups.iter().take(MOST_DRAWN).enumerate();
+    let figures = shown.filter_map(|(at, ((links, backend, master), group))| {
         let first = group.first()?;
         let about = About {
             kind: Kind::Topology,
             of: first.planned.id.clone(),
             caption: format!(
-                "The network of the experiment. {}: backend {}; each end of each link has a delay of {}, {} and {}.",
+                "The network of the experiment. {}: backend {}; each end of each link has a delay of {}, {} and {}.{}",
                 letters_of(group),
                 backend.name(),
                 links[0],
                 links[1],
-                links[2]
+                links[2],
+                not_drawn(at, groups.len())
             ),
             is_simulated: group.iter().any(|scenario| scenario.is_simulated()),
             height_pt: match backend.facts().has_controller {

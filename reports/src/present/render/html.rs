@@ -22,7 +22,7 @@ use crate::{
     analysis::report::Report,
     present::{
         Presentation, colours,
-        figure::{Figure, Kind},
+        figure::{Figure, Kind, Layout},
         table::Table,
         writing::other_folder,
     },
@@ -213,6 +213,13 @@ fn pairs(figures: &[Figure]) -> Markup {
     }
 }
 
+/// How wide a drawing may become: as wide as makes its letters those of the page's text.
+fn width_rem(layout: Layout) -> f64 {
+    /// How tall the page's letters are, measured as LaTeX measures them: 1 rem less what a smaller figure may have.
+    const LETTERS_REM: f64 = 0.95;
+    layout.width_pt() / layout.letters_pt() * LETTERS_REM
+}
+
 /// Drawings for paper. On a narrow screen they keep a size at which they can be read, and are moved.
 fn drawings(figures: &[Figure], kinds: &[Kind], none: &str) -> Markup {
     let figures: Vec<&Figure> = figures
@@ -227,7 +234,8 @@ fn drawings(figures: &[Figure], kinds: &[Kind], none: &str) -> Markup {
                 figure {
                     div .wide tabindex="0" role="region" aria-label=(figure.stem()) {
                         // Of our own making, by a library that escapes texts.
-                        div .paper role="img" aria-label=(figure.caption) { (PreEscaped(&figure.svg)) }
+                        div .paper style=(format!("max-width: {:.1}rem", width_rem(figure.layout))) role="img"
+                            aria-label=(figure.caption) { (PreEscaped(&figure.svg)) }
                     }
                     figcaption { (prose(&figure.caption)) }
                 }

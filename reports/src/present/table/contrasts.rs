@@ -1,6 +1,8 @@
 //! The pairs of the declared family with the window as the unit: the test of the windows' levels, the adjusted p-values,
 //! and how large the differences are.
 
+use std::collections::BTreeSet;
+
 use statistics::{block_permutation::DRAWS, effect::Estimate, relabelling::Coverage, shape::DISTANCES};
 
 use super::{Table, no_data_note, texts};
@@ -261,12 +263,9 @@ pub(super) fn rows(contrasts: &Contrasts, row: impl Fn(&Contrast) -> Vec<String>
 /// A note that counts the pairs without data and names the scenarios that have none.
 fn without_data(report: &Report) -> Option<String> {
     let missing = &report.contrasts.without_data;
-    let scenarios = report.scenarios.iter().filter(|scenario| {
-        missing
-            .iter()
-            .any(|(a, b)| *a == scenario.id || *b == scenario.id)
-    });
-    let why = no_data_note(scenarios)?;
+    let named: BTreeSet<&str> = missing.iter().flat_map(|(a, b)| [a.as_str(), b]).collect();
+    let scenarios = report.scenarios.iter();
+    let why = no_data_note(scenarios.filter(|scenario| named.contains(scenario.id.as_str())))?;
     let pairs = match missing.len() {
         1 => "1 pair of the family is".to_owned(),
         many => format!("{many} pairs of the family are"),

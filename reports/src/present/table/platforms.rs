@@ -1,6 +1,8 @@
 //! Table IV: the baseline scenarios, which the paper calls controls, against each other, and two virtualizations on each
 //! platform.
 
+use std::collections::BTreeSet;
+
 use polars::{error::PolarsResult, frame::DataFrame};
 
 use super::{
@@ -53,7 +55,7 @@ pub(super) fn of(report: &Report, counts: &DataFrame) -> PolarsResult<Table> {
     let mut notes = vec![A_CONTROL.to_owned()];
     notes.extend(missing_pairs(report, &virtualizations));
     notes.extend(unlike_note(&rows));
-    let mut shown = Vec::new();
+    let mut shown = BTreeSet::new();
     for frame in [&controls, &virtualizations] {
         for side in ["a", "b"] {
             shown.extend(frames::texts(frame, side)?.into_iter().flatten());

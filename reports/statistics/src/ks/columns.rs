@@ -1,5 +1,5 @@
-//! The tests of many pairs as columns, for tables with millions of rows: a number takes its own eight bytes and no more. The type is
-//! [`PairColumns`].
+//! The tests of many pairs as columns, for tables with millions of rows: a number takes its own eight bytes and no more; and their
+//! counts, which need no rows. The types are [`PairColumns`] and [`PairCounts`].
 
 use std::{ops::Range, sync::Arc};
 
@@ -39,7 +39,7 @@ pub struct PairColumns {
 /// Counts of tests, of which row i of each column is the i-th.
 #[derive(Debug, Clone, PartialEq, Eq, Default)]
 pub struct PairCounts {
-    /// The group of the first samples, shifted by 32 bits, and that of the second.
+    /// The groups of the first and the second samples, see [`key`].
     pub key: Vec<u64>,
     /// How many tests there are.
     pub tests: Vec<u32>,
@@ -47,6 +47,53 @@ pub struct PairCounts {
     pub rejected: Vec<u32>,
     /// How many were computed by another method than the one that was asked for.
     pub of_another_method: Vec<u32>,
+}
+
+/// Counts that are being made.
+#[derive(Default)]
+struct Unfinished {
+    counts: PairCounts,
+    /// Where the rows of the last key's first group begin.
+    last_group: usize,
+}
+
+/// What [`Pool::counts`] counts by.
+#[derive(Debug, Clone, Copy)]
+pub struct Counting<'a> {
+    /// The group of each sample, ascending from 0 without a gap.
+    pub groups: &'a [u32],
+    /// Below which p a test rejects.
+    pub alpha: f64,
+    /// How the tests are computed.
+    pub procedure: Procedure,
+}
+
+impl Unfinished {
+    /// Adds some tests of a group with another. Groups come in the order of the samples: the first ones ascend, and for each sample of one so do
+    /// the second ones, without a gap.
+    fn add(&mut self, groups: [u32; 2], [tests, rejected, of_another_method]: [u32; 3]) {
+        let (key, counts) = (key(groups), &mut self.counts);
+        if counts.key.last().is_none_or(|last| last >> 32 != key >> 32) {
+            self.last_group = counts.key.len();
+        }
+        let lowest = counts.key.get(self.last_group).unwrap_or(&key);
+        let row = self.last_group + (key - lowest) as usize;
+        if row == counts.key.len() {
+            counts.key.push(key);
+            counts.tests.push(0);
+            counts.rejected.push(0);
+            counts.of_another_method.push(0);
+        }
+        counts.tests[row] += tests;
+        counts.rejected[row] += rejected;
+        counts.of_another_method[row] += of_another_method;
+    }
+}
+
+/// A pair of groups as one number: the first one, shifted by 32 bits, and the second one.
+#[must_use]
+pub const fn key([first, second]: [u32; 2]) -> u64 {
+    (first as u64) << 32 | second as u64
 }
 
 impl PairColumns {
@@ -81,40 +128,6 @@ impl PairColumns {
         self.method.append(&mut other.method);
     }
 
-    /// The tests counted by the groups of their samples: `group` has that of each sample, ascending from 0 without a gap, and `asked` is the
-    /// method that was asked for. A row is of a pair of groups.
-    #[must_use]
-    pub fn counts(&self, group: &[u32], alpha: f64, asked: Method) -> PairCounts {
-        let mut counts = PairCounts::default();
-        // The first group whose rows are being filled, its first row, and the second group of that.
-        let mut filled = None;
-        for (at, (first, second)) in self.first.iter().zip(&self.second).enumerate() {
-            let [first, second] = [*first, *second].map(|sample| group[sample as usize]);
-            let (begin, lowest) = match filled {
-                Some((of, begin, lowest)) if of == first => (begin, lowest),
-                _ => {
-                    filled = Some((first, counts.key.len(), second));
-                    (counts.key.len(), second)
-                }
-            };
-            let row = begin + (second - lowest) as usize;
-            if row == counts.key.len() {
-                counts.key.push(u64::from(first) << 32 | u64::from(second));
-                for sums in [
-                    &mut counts.tests,
-                    &mut counts.rejected,
-                    &mut counts.of_another_method,
-                ] {
-                    sums.push(0);
-                }
-            }
-            counts.tests[row] += 1;
-            counts.rejected[row] += u32::from(self.p[at] < alpha);
-            counts.of_another_method[row] += u32::from(self.method[at] != asked);
-        }
-        counts
-    }
-
     /// How many tests there are.
     #[must_use]
     pub const fn len(&self) -> usize {
@@ -127,6 +140,9 @@ impl PairColumns {
         self.first.is_empty()
     }
 }
+
+/// Samples whose counts are held before they are summed.
+const AT_ONCE: usize = 1024;
 
 impl Pool {
     /// Compares each of these samples with every later one, on all processors, in the order of the samples. Calls of one procedure
@@ -151,6 +167,36 @@ impl Pool {
             columns.append(part);
         }
         columns
+    }
+
+    /// Counts the tests of every sample with every later one, on all processors, by the groups of the two. A row is of a pair of groups.
+    #[must_use]
+    pub fn counts(&self, by: Counting<'_>) -> PairCounts {
+        let Counting {
+            groups,
+            alpha,
+            procedure,
+        } = by;
+        let known = Arc::default();
+        let mut counts = Unfinished::default();
+        for begin in (0..self.len()).step_by(AT_ONCE) {
+            let firsts = begin..self.len().min(begin + AT_ONCE);
+            let parts = self.pairs_of(firsts, procedure, &known, |first, partners| {
+                let mut counts = Unfinished::default();
+                for (second, test) in partners {
+                    let is = [true, test.p < alpha, test.method != procedure.method];
+                    counts.add([groups[first], groups[second]], is.map(u32::from));
+                }
+                counts.counts
+            });
+            for part in parts {
+                for (row, key) in part.key.iter().enumerate() {
+                    let sums = [&part.tests, &part.rejected, &part.of_another_method];
+                    counts.add([(key >> 32) as u32, *key as u32], sums.map(|sums| sums[row]));
+                }
+            }
+        }
+        counts.counts
     }
 }
 
@@ -180,9 +226,11 @@ mod tests {
             assert_eq!((columns.signed_d[at], columns.at[at]), test.signed_d());
             assert_eq!(columns.method[at], test.method);
         }
-        let counts = pool
-            .columns(0..4, procedure, &Arc::default())
-            .counts(&[0, 0, 1, 1], 0.5, Method::Exact);
+        let counts = pool.counts(Counting {
+            groups: &[0, 0, 1, 1],
+            alpha: 0.5,
+            procedure,
+        });
         assert_eq!(counts.key, [0, 1, (1 << 32) | 1]);
         assert_eq!(counts.tests, [1, 4, 1]);
         // With three values each, those of the last sample are all larger.

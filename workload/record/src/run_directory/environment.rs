@@ -119,6 +119,12 @@ impl RecordedPlatform {
         self.workload_machine().or_else(|| self.machine())
     }
 
+    /// How the kernel's TCP controls congestion, as Linux calls it.
+    #[must_use]
+    pub fn tcp_congestion_control(&self) -> Option<&str> {
+        self.text(field!(PlatformRecord, tcp_congestion_control))
+    }
+
     fn machine(&self) -> Option<&str> {
         self.text(field!(PlatformRecord, machine))
     }

@@ -33,6 +33,9 @@ mod sender;
 mod stream;
 mod transmission;
 
+/// The congestion control that a stream has, as Linux calls it. Others wait otherwise after a loss.
+pub const CONGESTION_CONTROL: &str = "cubic";
+
 pub use self::{
     sender::{Counts, SenderSettings},
     stream::{Read, Reader, Stream},
