@@ -434,3 +434,33 @@ fn time(ns: i64) -> TimeSpan {
 fn nanoseconds(duration: Duration) -> i64 {
     i64::try_from(duration.as_nanos()).unwrap_or(i64::MAX)
 }
+
+#[cfg(test)]
+mod tests {
+    use std::{fs, path::Path};
+
+    use serde_json::Value;
+
+    use super::*;
+
+    #[test]
+    fn a_congestion_control_that_the_simulation_does_not_have_is_remarked() {
+        let recorded = Path::new(env!("CARGO_MANIFEST_DIR")).join("../tests/fixtures/recorded");
+        let records = RunRecords::read_unpruned(&RunDirectory::new(recorded.clone())).unwrap();
+        let planned = &records.plan.scenarios[0];
+        let folder = tempfile::tempdir().unwrap();
+        let copy = RunDirectory::new(folder.path());
+        let (from, to) = (RunDirectory::new(recorded), copy.environment(&planned.slug));
+        fs::create_dir_all(to.path().parent().unwrap()).unwrap();
+        let text = fs::read_to_string(from.environment(&planned.slug).path()).unwrap();
+        let remark = |control: Value| {
+            let mut record: Value = serde_json::from_str(&text).unwrap();
+            record["platform"]["tcp_congestion_control"] = control;
+            fs::write(to.path(), record.to_string()).unwrap();
+            other_congestion_control(&copy, planned, &ScenarioState::default())
+        };
+        assert!(remark("bbr".into()).unwrap().contains("congestion control `bbr`"));
+        assert_eq!(remark("cubic".into()), None);
+        assert_eq!(remark(Value::Null), None);
+    }
+}

@@ -32,11 +32,18 @@ impl<T: OfPair> Pairs<T> {
                 next
             }
         };
-        let pairs = list.iter().map(|item| {
+        let mut pairs: Vec<[usize; 2]> = Vec::with_capacity(list.len());
+        // Those of one scenario stand together.
+        let mut last: Option<(&str, usize)> = None;
+        for item in &list {
             let (a, b) = item.letters();
-            [number(a), number(b)]
-        });
-        let pairs: Vec<[usize; 2]> = pairs.collect();
+            let first = match last {
+                Some((known, number)) if known == a => number,
+                _ => number(a),
+            };
+            last = Some((a, first));
+            pairs.push([first, number(b)]);
+        }
         let letters = numbers.len();
         let mut places = vec![None; letters * letters];
         for ([a, b], place) in pairs.into_iter().zip(0..) {

@@ -73,8 +73,7 @@ impl Table {
         let rows = self.rows.len();
         if rows > MOST_ROWS {
             self.rows.truncate(MOST_ROWS);
-            let note = format!("The first {MOST_ROWS} of {rows} rows; `report.json` has the numbers of all.");
-            self.notes.insert(0, note);
+            self.notes.insert(0, first_of(rows));
         }
         self
     }
@@ -84,6 +83,11 @@ impl Table {
         [within_scenarios::ID, platforms::ID].contains(&self.id.as_str())
             || self.id.starts_with(against_controls::IDS)
     }
+}
+
+/// A note on a table that has the first of so many rows.
+fn first_of(rows: usize) -> String {
+    format!("The first {MOST_ROWS} of {rows} rows; `report.json` has the numbers of all.")
 }
 
 /// In place of a number that there is none of.

@@ -109,27 +109,6 @@ fn every_table_and_figure_is_the_stored_one() {
 }
 
 #[test]
-fn a_fit_remarks_that_the_measured_tcp_is_not_the_simulated_one() {
-    let (_folder, directory) = copy();
-    let write = |slug: &str, control: &str| {
-        let path = directory.environment(slug).path().to_owned();
-        let text = fs::read_to_string(&path).unwrap();
-        let mut record: Value = serde_json::from_str(&text).unwrap();
-        record["platform"]["tcp_congestion_control"] = control.into();
-        fs::write(&path, record.to_string()).unwrap();
-    };
-    write("x86-64-debian-12-native", "bbr");
-    write("x86-64-debian-12-docker", "cubic");
-    let fitted = reports::fit::fit(&directory, &[]).unwrap();
-    let remarks = |slug: &str| {
-        let of = fitted.iter().find(|one| one.slug == slug).unwrap();
-        of.remarks.join("\n")
-    };
-    assert!(remarks("x86-64-debian-12-native").contains("congestion control `bbr`"));
-    assert!(!remarks("x86-64-debian-12-docker").contains("congestion"));
-}
-
-#[test]
 fn a_tables_file_label_and_anchor_are_its_id_whatever_its_title_is() {
     let run = reports::load(recorded()).unwrap();
     let report = analyse(&run, traffic::read(&run), &run.manifest.report);

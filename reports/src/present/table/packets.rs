@@ -1,16 +1,18 @@
 //! The packets between controller and plant: what became of them, the counts that the tracking error has, and which of
 //! their quantities go with a difference in error.
 
-use std::collections::HashSet;
+use std::collections::BTreeSet;
 
 use captures::{
     packets::Topic,
     traffic::{DirectionTraffic, PeriodTraffic, Quantity, ScenarioTraffic, Spread, together},
 };
 
-use super::{NO_DATA, Table, no_data_note, texts};
+use super::{MOST_ROWS, NO_DATA, Table, first_of, no_data_note, texts};
 use crate::analysis::{
+    packet_counts::TrafficTally,
     packet_explanations::{Explanation, Factor},
+    pairs::OfPair as _,
     report::Report,
 };
 
@@ -140,16 +142,42 @@ fn milliseconds(seconds: Option<f64>) -> String {
     }
 }
 
-fn counts(report: &Report) -> Table {
-    let mut seen = HashSet::new();
-    let mut rows = Vec::new();
-    let pairs = report.traffic_tallies.iter().flat_map(|one| one.tallies.iter());
-    let mut pairs: Vec<(&str, &str)> = pairs
-        .map(|tally| (tally.a.as_str(), tally.b.as_str()))
-        .filter(|pair| seen.insert(*pair))
+fn letters(one: &TrafficTally) -> impl Iterator<Item = (&str, &str)> {
+    one.tallies.iter().map(|tally| tally.letters())
+}
+
+/// Every pair that any quantity has been compared of.
+fn compared_pairs(tallies: &[TrafficTally]) -> Vec<(&str, &str)> {
+    let Some((first, others)) = tallies.split_first() else {
+        return Vec::new();
+    };
+    let mut pairs: Vec<(&str, &str)> = letters(first).collect();
+    // Nearly always these are the same, of which a sweep has a million.
+    let others = others.iter().filter(|one| !letters(one).eq(letters(first)));
+    let missing: BTreeSet<(&str, &str)> = others
+        .flat_map(letters)
+        .filter(|(a, b)| first.tallies.find(a, b).is_none())
         .collect();
+    pairs.extend(missing);
+    pairs
+}
+
+fn counts(report: &Report) -> Table {
+    let mut pairs = compared_pairs(&report.traffic_tallies);
     // Within the scenarios first.
     pairs.sort_by_key(|(a, b)| (a != b, *a, *b));
+    let mut notes = vec![
+        "As Tables III to V, with one value a period: the mean of the delays, RTTs and jitters of the packets sent in it, its longest \
+         gap, and how many were lost, retransmitted (retr.) and reordered (reord.). Rejected, of N window pairs, by the same test at \
+         the same level; what holds of those counts holds of these."
+            .to_owned(),
+    ];
+    let all = pairs.len() * Topic::ALL.len();
+    if all > MOST_ROWS {
+        notes.insert(0, first_of(all));
+        pairs.truncate(MOST_ROWS / Topic::ALL.len());
+    }
+    let mut rows = Vec::new();
     for (a, b) in pairs {
         for topic in Topic::ALL {
             let tally = |quantity: Quantity| {
@@ -190,12 +218,7 @@ fn counts(report: &Report) -> Table {
             ("reord.", true),
         ]),
         rows,
-        notes: vec![
-            "As Tables III to V, with one value a period: the mean of the delays, RTTs and jitters of the packets sent in it, \
-             its longest gap, and how many were lost, retransmitted (retr.) and reordered (reord.). Rejected, of N window \
-             pairs, by the same test at the same level; what holds of those counts holds of these."
-                .to_owned(),
-        ],
+        notes,
     }
 }
 
