@@ -38,7 +38,7 @@ pub(super) fn render(presented: &Presentation<'_>, figures: &[Figure]) -> String
         (DOCTYPE)
         html lang="en" {
             (head(&format!("Report of {}", report.run)))
-            body {
+            body .many[report.scenarios.len() > MOST_SHOWN] {
                 a .skip href="#tables" { "To the tables" }
                 header {
                     h1 { "Report of " (report.run) }
