@@ -6,8 +6,8 @@ use std::collections::BTreeSet;
 use polars::{error::PolarsResult, frame::DataFrame};
 
 use super::{
-    NO_DATA, NOT_INDEPENDENT, Table, clipped_to, marked, no_baseline, no_data_note, short_platforms, texts,
-    unlike_note,
+    MOST_ROWS, NO_DATA, NOT_INDEPENDENT, Table, clipped_to, first_of, marked, no_baseline, no_data_note,
+    short_platforms, texts, unlike_note,
 };
 use crate::{
     analysis::report::Report,
@@ -53,6 +53,11 @@ pub(super) fn of(report: &Report, counts: &DataFrame) -> PolarsResult<Table> {
         });
     }
     let mut notes = vec![A_CONTROL.to_owned()];
+    let all = controls.height() + virtualizations.height();
+    if all > MOST_ROWS {
+        rows.truncate(MOST_ROWS);
+        notes.insert(0, first_of(all));
+    }
     notes.extend(missing_pairs(report, &virtualizations));
     notes.extend(unlike_note(&rows));
     let mut shown = BTreeSet::new();
@@ -80,6 +85,8 @@ pub(super) fn of(report: &Report, counts: &DataFrame) -> PolarsResult<Table> {
 
 /// A row for each of these counts; `side` is what is said of each scenario, `what` of their platform.
 fn rows(counts: &DataFrame, side: &str, what: impl Fn(&str) -> String) -> PolarsResult<Vec<Vec<String>>> {
+    // More are not shown.
+    let counts = &counts.head(Some(MOST_ROWS));
     let text = |name: &str| frames::texts(counts, name);
     let (a, b) = (text("a")?, text("b")?);
     let (a_side, b_side) = (text(&format!("a{side}"))?, text(&format!("b{side}"))?);
