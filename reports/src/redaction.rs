@@ -64,10 +64,11 @@ const KEPT: [&str; 14] = [
     field!(Manifest, workload_sha256),
 ];
 /// Fields that are left out.
-const LEFT_OUT: [&str; 3] = [
+const LEFT_OUT: [&str; 4] = [
     field!(HostRecord, connect),
     field!(PlatformRecord, kernel_command_line),
     "machine_id",
+    field!(Manifest, state_directory),
 ];
 /// Fields with sentences, in which addresses may stand.
 const PROSE: [&str; 6] = [
@@ -304,7 +305,7 @@ impl Found {
             ("slug", Value::String(slug)) => drop(self.axes.insert(slug.to_ascii_lowercase())),
             ("host" | "hostname", Value::String(host)) => self.add_host(host),
             ("ssh" | "jump", Value::String(address)) => self.add_address(address),
-            ("identity" | "known_hosts" | "matrix_file", Value::String(path)) => {
+            ("identity" | "known_hosts" | "matrix_file" | "state_directory", Value::String(path)) => {
                 self.add("path", path);
                 self.look_at_text(path);
             }
@@ -471,7 +472,6 @@ impl Run {
         let run = std::mem::replace(&mut self.manifest.run, "run".to_owned());
         self.manifest = redaction.record(&self.manifest)?;
         self.manifest.run = redaction.text(&run);
-        self.manifest.state_directory = None;
         self.manifest.redacted = true;
         for part in &mut self.parts {
             part.run = redaction.text(&part.run);

@@ -10,8 +10,8 @@
 //!
 //! A packet here is a TCP segment with some of the stream in it. It is known again at the other capture by its ports,
 //! place, length, TCP's clock and IP's number, so that a retransmitted packet is another one than the first.
-//! Captures are read once and as a stream: what is held is what is under way, and of each window its periods and a
-//! histogram of fixed size for each distribution.
+//! Captures are read once and as a stream: what is held is what is under way, of each window its periods and curves, and a
+//! histogram of fixed size for each distribution of the windows of the last minute.
 
 mod connection;
 mod direction;
@@ -20,9 +20,13 @@ mod quantity;
 mod spread;
 mod window;
 
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, VecDeque};
 
-use self::{direction::Directions, window::WindowTally};
+use self::{
+    direction::{Directions, Passing},
+    spread::LONGEST_NS,
+    window::WindowTally,
+};
 pub use self::{
     period::PeriodTraffic,
     quantity::Quantity,
@@ -90,25 +94,63 @@ pub fn read(windows: Vec<CapturedWindow>, period: TimeSpan) -> ScenarioTraffic {
 
 fn read_stretch(stretch: &Stretch, period_ns: i64) -> Result<Vec<WindowTraffic>, CaptureReadError> {
     let mut directions = Directions::default();
-    let mut windows: Vec<WindowTally> = stretch
-        .windows
-        .iter()
-        .map(|window| WindowTally::new(&window.record, period_ns))
-        .collect();
-    let mut count = |topic, passing: direction::Passing| {
-        let at = stretch.place_of(passing.at_unix_ns());
-        if let Some((window, since_ns)) = at
-            && let Some(tally) = windows.get_mut(window)
-        {
-            tally.count(topic, since_ns, &passing);
-        }
-    };
+    let mut windows = Windows::of(stretch, period_ns);
     stretch.read(|host, packet| {
+        windows.finish_before(packet.stamp_unix_ns.saturating_sub(LONGEST_NS));
         if let Some(segment) = Segment::parse(packet) {
-            directions.take(host, &segment, packet.stamp_unix_ns, &mut count);
+            directions.take(host, &segment, packet.stamp_unix_ns, &mut |topic, passing| {
+                windows.count(topic, &passing);
+            });
         }
         Ok::<_, CaptureReadError>(())
     })?;
-    directions.finish(&mut count);
-    Ok(windows.into_iter().map(WindowTally::finish).collect())
+    directions.finish(&mut |topic, passing| windows.count(topic, &passing));
+    Ok(windows.finish())
+}
+
+/// The windows of a stretch. Histograms are large: a window has them for as long as a packet can still be about it, so that
+/// a night of a thousand windows takes no more memory than one of ten.
+struct Windows<'a> {
+    stretch: &'a Stretch,
+    /// The first ones.
+    finished: Vec<WindowTraffic>,
+    /// Those after them.
+    counted: VecDeque<WindowTally>,
+}
+
+impl<'a> Windows<'a> {
+    fn of(stretch: &'a Stretch, period_ns: i64) -> Self {
+        let records = stretch.windows.iter().map(|window| &window.record);
+        Self {
+            stretch,
+            finished: Vec::with_capacity(stretch.windows.len()),
+            counted: records
+                .map(|record| WindowTally::new(record, period_ns))
+                .collect(),
+        }
+    }
+
+    fn count(&mut self, topic: Topic, passing: &Passing) {
+        if let Some((window, since_ns)) = self.stretch.place_of(passing.at_unix_ns())
+            && let Some(place) = window.checked_sub(self.finished.len())
+            && let Some(tally) = self.counted.get_mut(place)
+        {
+            tally.count(topic, since_ns, passing);
+        }
+    }
+
+    /// Finishes the windows that had ended by then.
+    fn finish_before(&mut self, unix_ns: i64) {
+        while let Some(tally) = self
+            .counted
+            .pop_front_if(|tally| tally.ended_unix_ns() < unix_ns)
+        {
+            self.finished.push(tally.finish());
+        }
+    }
+
+    fn finish(self) -> Vec<WindowTraffic> {
+        let counted = self.counted.into_iter().map(WindowTally::finish);
+        self.finished.into_iter().chain(counted).collect()
+    }
 }

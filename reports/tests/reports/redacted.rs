@@ -19,7 +19,7 @@ const MEASURED: &str = "x86_64-debian-native";
 const ERRORED: &str = "x86_64-debian-docker";
 
 /// All that must not be found again.
-const SECRETS: [&str; 14] = [
+const SECRETS: [&str; 15] = [
     "jane",
     "lab-mac",
     "lab.example.org",
@@ -34,12 +34,13 @@ const SECRETS: [&str; 14] = [
     "acme-robotics",
     "zeus31",
     "grant-4711",
+    "/srv/novak",
 ];
 
 /// A run that has names wherever a run may have them.
 fn with_names() -> Synthetic {
     let reason =
-        "cannot reach Jane@LAB-MAC.lab.example.org:2222 (203.0.113.9:2222): key /srv/keys/mac of /home/jane";
+        "cannot reach Jane@LAB-MAC.lab.example.org:2222 (203.0.113.9:2222): key /srv/keys/mac of /home/jane, told in /srv/novak/state/log";
     let scenarios = [
         Scenario::measured(MEASURED, &[0.010, 0.011, 0.010, 0.011]),
         Scenario::ended(ERRORED, Outcome::Errored, reason),
@@ -49,6 +50,7 @@ fn with_names() -> Synthetic {
     edit(&directory.manifest().path(), |manifest| {
         manifest["matrix_file"] = json!("/home/jane/acme-robotics/matrix.yaml");
         let matrix = "# by Dr Kaputnik\nhosts: {lab-mac: {}}\n";
+        manifest["state_directory"] = json!("/srv/novak/state");
         manifest["matrix_text"] = json!(matrix);
         manifest["profile"] = json!("lab-mac");
         manifest["invocation"] = json!(["/home/jane/matrix", "run", "--profile", "kaputnik"]);

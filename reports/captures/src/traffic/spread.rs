@@ -7,7 +7,7 @@ use hdrhistogram::Histogram;
 /// Values are told apart to one in a thousand: three digits.
 const DIGITS: u8 = 3;
 /// What takes longer counts as this long: a packet is given up for lost long before.
-const LONGEST_NS: u64 = 60_000_000_000;
+pub(super) const LONGEST_NS: i64 = 60_000_000_000;
 /// Steps of the curve that is kept for drawings.
 const CURVE: usize = 100;
 
@@ -58,7 +58,7 @@ impl SpreadTally {
         // A time below nothing, of a clock that was put back, counts as none.
         if self.histogram.is_none() {
             // Never an error for a number of digits up to 5.
-            self.histogram = Histogram::new_with_max(LONGEST_NS, DIGITS).ok();
+            self.histogram = Histogram::new_with_max(LONGEST_NS.unsigned_abs(), DIGITS).ok();
         }
         if let Some(histogram) = &mut self.histogram {
             histogram.saturating_record(u64::try_from(ns).unwrap_or(0));
