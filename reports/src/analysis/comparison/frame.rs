@@ -56,11 +56,17 @@ impl Comparisons {
         rows(&self.frame)
     }
 
-    /// Those of a window of the one scenario with a window of the other, in either order.
-    #[must_use]
-    pub fn between(&self, a: &str, b: &str) -> Vec<Comparison<'_>> {
-        let is_of_both = |row: &Comparison<'_>| (row.a == a && row.b == b) || (row.a == b && row.b == a);
-        self.rows().filter(is_of_both).collect()
+    /// Of those that are wanted, the one of the median D: the later one of the two in the middle. There may be half a million, so
+    /// that of each no more is held than its D.
+    pub fn of_median_d(&self, is_wanted: impl Fn(&Comparison<'_>) -> bool) -> Option<Comparison<'_>> {
+        let rows = self.rows().enumerate();
+        let mut wanted: Vec<(f64, usize)> = rows
+            .filter(|(_, row)| is_wanted(row))
+            .map(|(at, row)| (row.test.d, at))
+            .collect();
+        wanted.sort_unstable_by(|(d, at), (other_d, other_at)| d.total_cmp(other_d).then(at.cmp(other_at)));
+        let (_, at) = wanted.get(wanted.len() / 2)?;
+        self.rows().nth(*at)
     }
 }
 
@@ -410,7 +416,9 @@ mod tests {
             ]
         );
         for tally in &tallies {
-            let own: Vec<Comparison<'_>> = listed.between(&tally.a, &tally.b);
+            let of_both = [&tally.a, &tally.b];
+            let is_own = |it: &Comparison<'_>| [[it.a, it.b], [it.b, it.a]].iter().any(|ab| of_both == *ab);
+            let own: Vec<Comparison<'_>> = listed.rows().filter(is_own).collect();
             let rejected = own.iter().filter(|row| row.rejected).count();
             assert_eq!(
                 (tally.pairs, tally.rejected, tally.in_the_limit),

@@ -110,18 +110,8 @@ fn windows_of<'a>(
             .into_iter()
             .find(|[a, b]| fits(wanted[*a], it.a, it.a_window) && fits(wanted[*b], it.b, it.b_window))
     };
-    let of_both = report
-        .comparisons
-        .between(&wanted[0].0.id, &wanted[1].0.id)
-        .into_iter();
-    let mut found: Vec<(Comparison<'_>, [usize; 2])> = of_both
-        .filter_map(|it| {
-            let order = order(&it)?;
-            Some((it, order))
-        })
-        .collect();
-    found.sort_by(|(first, _), (second, _)| first.test.d.total_cmp(&second.test.d));
-    let (comparison, order) = found.get(found.len() / 2).cloned()?;
+    let comparison = report.comparisons.of_median_d(|it| order(it).is_some())?;
+    let order = order(&comparison)?;
     let name = order.map(|side| {
         let (scenario, window) = wanted[side];
         match window {
@@ -144,10 +134,9 @@ fn windows_of<'a>(
 /// Of all windows of two scenarios that are compared, or else of one, the pair of the median D.
 pub(super) fn of_median_d(report: &Report) -> Option<WindowPair<'_>> {
     let find = |id: &str| report.scenarios.iter().find(|scenario| scenario.id == id);
-    let (between, within): (Vec<_>, Vec<_>) = report.comparisons.rows().partition(|it| it.a != it.b);
-    let mut found = if between.is_empty() { within } else { between };
-    found.sort_by(|first, second| first.test.d.total_cmp(&second.test.d));
-    let comparison = found.get(found.len() / 2).cloned()?;
+    let comparisons = &report.comparisons;
+    let between = comparisons.of_median_d(|it| it.a != it.b);
+    let comparison = between.or_else(|| comparisons.of_median_d(|it| it.a == it.b))?;
     Some(WindowPair {
         scenarios: [find(comparison.a)?, find(comparison.b)?],
         comparison,
