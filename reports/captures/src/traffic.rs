@@ -141,9 +141,9 @@ impl<'a> Windows<'a> {
 
     /// Finishes the windows that had ended by then.
     fn finish_before(&mut self, unix_ns: i64) {
-        while let Some(tally) = self
-            .counted
-            .pop_front_if(|tally| tally.ended_unix_ns() < unix_ns)
+        let has_ended = |tally: &WindowTally| tally.ended_unix_ns() < unix_ns;
+        while self.counted.front().is_some_and(has_ended)
+            && let Some(tally) = self.counted.pop_front()
         {
             self.finished.push(tally.finish());
         }

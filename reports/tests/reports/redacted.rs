@@ -39,8 +39,7 @@ const SECRETS: [&str; 15] = [
 
 /// A run that has names wherever a run may have them.
 fn with_names() -> Synthetic {
-    let reason =
-        "cannot reach Jane@LAB-MAC.lab.example.org:2222 (203.0.113.9:2222): key /srv/keys/mac of /home/jane, told in /srv/novak/state/log";
+    let reason = "cannot reach Jane@LAB-MAC.lab.example.org:2222 (203.0.113.9:2222): key /srv/keys/mac of /home/jane, told in /srv/novak/state/log";
     let scenarios = [
         Scenario::measured(MEASURED, &[0.010, 0.011, 0.010, 0.011]),
         Scenario::ended(ERRORED, Outcome::Errored, reason),

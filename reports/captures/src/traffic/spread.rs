@@ -159,7 +159,7 @@ mod tests {
     proptest! {
         #[test]
         fn the_quantiles_are_those_of_the_histogram(times in prop::collection::vec(0_u64..10_000_000_000, 1..300)) {
-            let mut histogram = Histogram::<u32>::new_with_max(LONGEST_NS, DIGITS).unwrap();
+            let mut histogram = Histogram::<u32>::new_with_max(LONGEST_NS.unsigned_abs(), DIGITS).unwrap();
             times.iter().for_each(|ns| histogram.saturating_record(*ns));
             let each = (1..CURVE).map(|step| histogram.value_at_quantile(step as f64 / CURVE as f64));
             prop_assert_eq!(inner_quantiles(&histogram), each.collect::<Vec<_>>());
