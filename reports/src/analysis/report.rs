@@ -142,7 +142,7 @@ fn of_a_metric(run: &Run, quantity: Quantity, traffic: Traffic, settings: &Repor
         agreements: Vec::new(),
         others: Vec::new(),
         traffic_tallies: or_fault(packet_counts::compared(&traffic, &samples, settings), &mut faults),
-        explanations: packet_explanations::explanations(&contrasts.pairs, &samples, &traffic, settings),
+        explanations: packet_explanations::explanations(&contrasts.pairs, &samples, &traffic),
         causes: Vec::new(),
         replays: Vec::new(),
         other_ways: Vec::new(),

@@ -16,7 +16,7 @@
 //! Munzel 2000), on one degree of freedom less than the smaller side has windows. Where no two windows overlap it is Clopper and
 //! Pearson's of as many pairs of windows as there are of the smaller side. docs/statistics/effects.md has the coverage of all three.
 
-use statrs::distribution::{ContinuousCDF, Normal, StudentsT};
+use statrs::distribution::{ContinuousCDF, StudentsT};
 
 use crate::{mean_shift::MeanShift, pooled_ranks::PooledRanks};
 
@@ -247,30 +247,6 @@ fn logit_interval(value: f64, error: f64, windows: usize) -> Option<Interval> {
 pub fn student_quantile(freedom: f64, confidence: f64) -> Option<f64> {
     let student = StudentsT::new(0.0, 1.0, freedom).ok()?;
     Some(student.inverse_cdf(0.5 + confidence / 2.0))
-}
-
-/// The share of resamples beyond each end of the interval: the normal tail of Student's quantile, widened for the
-/// bootstrap's spread that is short by √((n − 1)/n). None for a single window on a side, which says nothing of spread.
-pub fn tail(n: usize, m: usize) -> Option<f64> {
-    let fewest = n.min(m) as f64;
-    if fewest < 2.0 {
-        return None;
-    }
-    let student = StudentsT::new(0.0, 1.0, (n + m - 2) as f64).ok()?;
-    let quantile = student.inverse_cdf(0.5 + CONFIDENCE / 2.0);
-    let normal = Normal::new(0.0, 1.0).ok()?;
-    Some(normal.cdf(-quantile * (fewest / (fewest - 1.0)).sqrt()))
-}
-
-/// The interval that leaves out so large a share of the resampled values on each side.
-pub fn percentiles(mut values: Vec<f64>, tail: f64) -> Option<Interval> {
-    values.sort_by(f64::total_cmp);
-    let beyond = (tail * values.len() as f64).floor() as usize;
-    Some(Interval {
-        low: *values.get(beyond)?,
-        high: *values.get(values.len().checked_sub(beyond + 1)?)?,
-        confidence: CONFIDENCE,
-    })
 }
 
 #[cfg(test)]

@@ -7,6 +7,7 @@
 pub mod anderson_darling;
 pub mod block_permutation;
 pub mod chart;
+pub mod component;
 pub mod coverage;
 pub mod dependence;
 pub mod effect;

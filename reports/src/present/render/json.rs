@@ -435,9 +435,9 @@ fn factor(factor: &Factor) -> FactorEntry {
             true => "s",
             false => "packets a period",
         },
-        difference: factor.difference,
-        correlation: factor.correlation,
-        slope: factor.slope,
-        part: estimate(&factor.part),
+        difference: factor.component.difference,
+        correlation: factor.component.correlation,
+        slope: factor.component.slope,
+        part: estimate(&factor.component.part),
     }
 }

@@ -259,7 +259,7 @@ fn explained(report: &Report) -> Table {
         notes: vec![format!(
             "Of the second scenario against the first, means of window means. Part: of the difference in error, what goes with \
              the difference in the quantity, by the slope of error on it from period to period within windows; r is their \
-             correlation there. Intervals are bootstraps over windows, about 95 % and less with few windows; the {NAMED} largest parts whose interval is \
+             correlation there. Intervals of 95 % are over windows; the {NAMED} largest parts whose interval is \
              without 0 are named. It goes with it, which is not to say that it causes it; quantities go with each other \
              too, so parts do not add up."
         )],
@@ -272,20 +272,20 @@ fn shift(report: &Report, one: &Explanation) -> String {
 
 fn explained_row(report: &Report, one: &Explanation, factor: &Factor) -> Vec<String> {
     let signed = |value: f64| report.quantity.signed(value);
-    let interval = factor.part.interval;
+    let interval = factor.component.part.interval;
     vec![
         one.a.clone(),
         one.b.clone(),
         shift(report, one),
         format!("{} {}", factor.topic.name(), factor.quantity.name()),
         match factor.quantity.is_time() {
-            true => format!("{:+.2} ms", factor.difference * 1e3),
-            false => format!("{:+.2}", factor.difference),
+            true => format!("{:+.2} ms", factor.component.difference * 1e3),
+            false => format!("{:+.2}", factor.component.difference),
         },
-        format!("{:+.2}", factor.correlation),
+        format!("{:+.2}", factor.component.correlation),
         format!(
             "{}{}",
-            signed(factor.part.value),
+            signed(factor.component.part.value),
             interval.map_or_else(String::new, |interval| format!(
                 " [{}, {}]",
                 signed(interval.low),
