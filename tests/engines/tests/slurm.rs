@@ -79,7 +79,7 @@ fn facts(run: &Path, slug: &str) -> Value {
 /// machine.
 fn in_the_second_window(cluster: &Cluster) -> (Running, String) {
     let workplace = &cluster.workplace;
-    workplace.write("m.yaml", matrix("constraint: x86_64", &windows(2, 12)));
+    workplace.write("m.yaml", matrix("constraint: x86_64", &windows(2, 8)));
     let mut running = workplace.start(&["run", "m.yaml"]);
     running.wait_for("window 1 complete");
     (running, cluster.running_on())
@@ -311,7 +311,7 @@ fn a_node_that_stands_still_is_given_up_and_does_not_write_where_another_does_wh
 fn a_controller_that_is_away_costs_nothing_and_a_job_that_another_cancels_is_told_as_such() {
     let cluster = Cluster::start();
     let workplace = &cluster.workplace;
-    workplace.write("m.yaml", matrix("constraint: x86_64", &windows(3, 8)));
+    workplace.write("m.yaml", matrix("constraint: x86_64", &windows(3, 6)));
     let mut running = workplace.start(&["run", "m.yaml"]);
     running.wait_for("measuring window 1");
     cluster.controller(false);
@@ -481,12 +481,12 @@ fn after_a_power_cut_the_tables_are_those_of_an_undisturbed_run_with_the_same_se
 fn windows_that_no_job_may_measure_in_one_go_are_divided_and_a_job_whose_time_is_over_keeps_what_is_whole() {
     let cluster = Cluster::start();
     let workplace = &cluster.workplace;
-    // One that asked for time enough, of which it is given less: Slurm looks at times every half a minute.
-    workplace.write("over.yaml", matrix("constraint: x86_64", &windows(4, 25)));
+    // One that asked for time enough, of which it is given less: Slurm looks at times every half a minute, and ends a job some seconds later.
+    workplace.write("over.yaml", matrix("constraint: x86_64", &windows(8, 10)));
     let mut over = workplace.start(&["run", "over.yaml", "--out", "over"]);
-    over.wait_for("measuring window 1");
+    over.wait_for("window 1 complete");
     let [number, ..] = &cluster.jobs()[0];
-    let _ = cluster.slurm(&["scontrol", "update", &format!("jobid={number}"), "timelimit=1"]);
+    let _ = cluster.slurm(&["scontrol", "update", &format!("jobid={number}"), "endtime=now+1seconds"]);
     // 45 s of the minute are for windows: one of 23 s with what is between them.
     workplace.write(
         "m.yaml",
@@ -509,11 +509,11 @@ fn windows_that_no_job_may_measure_in_one_go_are_divided_and_a_job_whose_time_is
     let ran = over.end();
     assert_eq!(ran.code, Some(3), "{ran:?}");
     assert!(ran.err.contains("TIMEOUT"), "{ran:?}");
-    let whole = (1..=4)
+    let whole = (1..=8)
         .filter(|window| ran.err.contains(&format!("window {window} collected")))
         .count();
     assert!(
-        (1..4).contains(&whole),
+        (1..8).contains(&whole),
         "{whole} windows of the job whose time was over: {ran:?}"
     );
     nothing_is_left(&cluster);
