@@ -53,6 +53,19 @@ pub struct Drift {
     pub remarks: Vec<String>,
 }
 
+impl Drift {
+    /// What is said of these nights, the newest last.
+    fn of(nights: &[Night], judgements: Vec<Judgement>, remarks: Vec<String>) -> Self {
+        let newest = nights.last().map(|night| night.created.clone());
+        Self {
+            nights: nights.iter().map(|night| night.run.clone()).collect(),
+            newest: newest.unwrap_or_default(),
+            judgements,
+            remarks,
+        }
+    }
+}
+
 /// What is said of one scenario and metric.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Judgement {

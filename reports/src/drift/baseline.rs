@@ -63,15 +63,7 @@ pub fn judge(nights: &[Night], settings: &Settings) -> Drift {
         .chain(content::of_baseline(nights, settings))
         .chain(gone(nights, &settings.acknowledgements))
         .collect();
-    Drift {
-        nights: nights.iter().map(|night| night.run.clone()).collect(),
-        newest: nights
-            .last()
-            .map(|night| night.created.clone())
-            .unwrap_or_default(),
-        judgements,
-        remarks,
-    }
+    Drift::of(nights, judgements, remarks)
 }
 
 /// Levels that cannot be told apart, as far apart as they may truly be: they would have no spread, and anything else would be drift.

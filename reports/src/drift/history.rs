@@ -44,15 +44,7 @@ pub fn judge(nights: &[Night], settings: &Settings) -> Drift {
     }
     judgements.extend(content::of_history(nights, settings));
     judgements.extend(gone(nights, &settings.acknowledgements));
-    Drift {
-        nights: nights.iter().map(|night| night.run.clone()).collect(),
-        newest: nights
-            .last()
-            .map(|night| night.created.clone())
-            .unwrap_or_default(),
-        judgements,
-        remarks,
-    }
+    Drift::of(nights, judgements, remarks)
 }
 
 /// Of each night, the probability of a false alarm that a series has which has a number there: α among all that have one. A series

@@ -486,7 +486,12 @@ fn windows_that_no_job_may_measure_in_one_go_are_divided_and_a_job_whose_time_is
     let mut over = workplace.start(&["run", "over.yaml", "--out", "over"]);
     over.wait_for("window 1 complete");
     let [number, ..] = &cluster.jobs()[0];
-    let _ = cluster.slurm(&["scontrol", "update", &format!("jobid={number}"), "endtime=now+1seconds"]);
+    let _ = cluster.slurm(&[
+        "scontrol",
+        "update",
+        &format!("jobid={number}"),
+        "endtime=now+1seconds",
+    ]);
     // 45 s of the minute are for windows: one of 23 s with what is between them.
     workplace.write(
         "m.yaml",

@@ -5,7 +5,7 @@ use std::path::{Path, PathBuf};
 use clap::{Args, ValueHint};
 
 use crate::{
-    cli::completion,
+    cli::{completion, session::ProgressDisplay},
     plan::{Selection, order::Order},
     preparation::PlanRequest,
 };
@@ -64,4 +64,15 @@ pub struct OutputArguments {
     /// Print nothing but the result and errors.
     #[arg(long)]
     pub quiet: bool,
+}
+
+impl OutputArguments {
+    /// What is shown of a run that goes on.
+    pub const fn progress(self) -> ProgressDisplay {
+        if self.quiet {
+            ProgressDisplay::Nothing
+        } else {
+            ProgressDisplay::Progress
+        }
+    }
 }

@@ -31,7 +31,7 @@ use crate::{
         command::options::OutputArguments,
         completion,
         run_argument::run_argument,
-        session,
+        session::{self, Carried},
         terminal::{self, CommandError},
     },
     matrix_file::{Diagnostics, ReportOption},
@@ -326,15 +326,23 @@ pub(super) fn word_of_the_format(error: &dyn Error) -> CommandError {
     CommandError::new(Exit::Wrong, error, Some(hint.to_owned()))
 }
 
-/// The report at the end of a run, with what there is; keeps the run's exit code unless that is success.
+/// The report at the end of a run, with what there is; keeps the run's exit code unless that is success. If jobs are left in their queues, how to
+/// follow them.
 ///
 /// # Errors
 /// When the report cannot be made.
 pub fn after_run(
     directory: &RunDirectory,
-    exit: Exit,
+    carried: Carried,
     output: OutputArguments,
 ) -> Result<Exit, CommandError> {
+    let exit = match carried {
+        Carried::Out(exit) => exit,
+        Carried::Left(jobs) => {
+            session::print_left(directory.path(), jobs);
+            return Ok(Exit::Done);
+        }
+    };
     let reported = execute(&ReportArguments {
         runs: vec![directory.path().to_owned()],
         output,

@@ -15,7 +15,7 @@ use crate::{
         command::{options::OutputArguments, report},
         completion,
         run_argument::run_argument,
-        session::{self, Carried, JobArguments, ProgressDisplay, RunOptions},
+        session::{self, JobArguments, RunOptions},
         terminal::{self, CommandError},
     },
     provider::Catalogue,
@@ -61,11 +61,6 @@ pub async fn execute(arguments: &ResumeArguments, catalogue: Catalogue) -> Resul
     }
     let _lock = lock(&directory, &recorded.manifest.run)?;
     let recorded = RecordedRun::read_unpruned(&directory)?;
-    let show = if arguments.output.quiet {
-        ProgressDisplay::Nothing
-    } else {
-        ProgressDisplay::Progress
-    };
     let carried = session::carry_out(
         &directory,
         &recorded.manifest,
@@ -74,19 +69,13 @@ pub async fn execute(arguments: &ResumeArguments, catalogue: Catalogue) -> Resul
         recorded.state,
         RunOptions {
             resumed: true,
-            show,
+            show: arguments.output.progress(),
             keep: arguments.keep,
             patience: arguments.jobs.patience(),
         },
     )
     .await?;
-    match carried {
-        Carried::Out(exit) => report::after_run(&directory, exit, arguments.output),
-        Carried::Left(jobs) => {
-            session::print_left(directory.path(), jobs);
-            Ok(Exit::Done)
-        }
-    }
+    report::after_run(&directory, carried, arguments.output)
 }
 
 /// What `matrix resume` would do.

@@ -18,7 +18,7 @@ use crate::{
     cli::{
         command::options::{OutputArguments, SelectionArguments},
         run_argument::RUNS,
-        session::{self, Carried, JobArguments, ProgressDisplay, RunOptions},
+        session::{self, JobArguments, RunOptions},
         terminal::{self, CommandError},
     },
     experiment_files::ExperimentFiles,
@@ -105,11 +105,6 @@ pub async fn execute(arguments: &RunArguments, catalogue: Catalogue) -> Result<E
             session::how_to_go_on(directory.path())
         ));
     }
-    let show = if quiet {
-        ProgressDisplay::Nothing
-    } else {
-        ProgressDisplay::Progress
-    };
     let carried = session::carry_out(
         &directory,
         &manifest,
@@ -118,19 +113,13 @@ pub async fn execute(arguments: &RunArguments, catalogue: Catalogue) -> Result<E
         RunState::default(),
         RunOptions {
             resumed: false,
-            show,
+            show: arguments.output.progress(),
             keep: arguments.keep,
             patience: arguments.jobs.patience(),
         },
     )
     .await?;
-    match carried {
-        Carried::Out(exit) => report::after_run(&directory, exit, arguments.output),
-        Carried::Left(jobs) => {
-            session::print_left(directory.path(), jobs);
-            Ok(Exit::Done)
-        }
-    }
+    report::after_run(&directory, carried, arguments.output)
 }
 
 fn manifest(arguments: &RunArguments, planned: &Prepared) -> Result<Manifest, CommandError> {
