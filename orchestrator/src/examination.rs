@@ -227,6 +227,7 @@ mod tests {
                 },
             },
             needs: BTreeMap::new(),
+            time_limit: None,
         };
         let check = |available| Check {
             name: "network".to_owned(),

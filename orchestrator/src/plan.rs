@@ -348,7 +348,7 @@ fn scenarios(
             }
             let provider = file.provider_of(combination.virtualization());
             let is_simulated = file.catalogue.is_simulated(provider);
-            let mut placement = place(combination, provider, Need::of(&settings).as_ref(), offers);
+            let mut placement = place(combination, provider, &settings, offers);
             if file.all_simulated {
                 placement.compute_on(offers);
             }

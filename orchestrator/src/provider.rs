@@ -25,6 +25,7 @@ pub mod native;
 mod providers;
 mod settings;
 pub mod simulated;
+pub mod time_limit;
 pub mod vagrant;
 
 use std::{
@@ -44,6 +45,7 @@ use record::{
 };
 use serde_json::{Map, Value};
 
+use self::time_limit::TimeLimit;
 use crate::{experiment_files::ExperimentFiles, host::Program};
 
 pub use asked_right::AskedRight;
@@ -208,12 +210,11 @@ pub trait Provider: Send + Sync {
     /// When there is no shell in it, or not the one that is asked for.
     async fn shell(&self, request: &ShellRequest<'_>) -> Result<Program, ProviderError>;
 
-    /// How many windows one environment can measure with these settings; none where any number of them.
+    /// How long one environment may take; none where as long as it needs.
     ///
     /// # Errors
     /// When the platform cannot be asked.
-    async fn most_windows(&self, settings: &Settings) -> Result<Option<usize>, ProviderError> {
-        let _ = settings;
+    async fn time_limit(&self) -> Result<Option<TimeLimit>, ProviderError> {
         Ok(None)
     }
 

@@ -199,6 +199,7 @@ pub async fn ask(host: &str, questions: Questions, providers: &Providers) -> BTr
                 let facts = ProviderFacts {
                     availability: Availability::prevented_by(error),
                     needs: BTreeMap::new(),
+                    time_limit: None,
                 };
                 answers.insert(name, facts);
             }
@@ -216,7 +217,10 @@ pub async fn ask(host: &str, questions: Questions, providers: &Providers) -> BTr
 async fn ask_provider(provider: Arc<dyn Provider>, needs: BTreeSet<Need>) -> ProviderFacts {
     let availability = provider.survey().await;
     let mut answers = BTreeMap::new();
+    // One that cannot be asked for it is asked again when it is needed.
+    let mut time_limit = None;
     if matches!(availability, Availability::Available { .. }) {
+        time_limit = provider.time_limit().await.ok().flatten();
         for need in needs {
             if let Some(answer) = provider.survey_need(&need).await {
                 answers.insert(need, answer);
@@ -226,5 +230,6 @@ async fn ask_provider(provider: Arc<dyn Provider>, needs: BTreeSet<Need>) -> Pro
     ProviderFacts {
         availability,
         needs: answers,
+        time_limit,
     }
 }

@@ -33,6 +33,7 @@ fn works() -> ProviderFacts {
             detail: "works".to_owned(),
         },
         needs: BTreeMap::new(),
+        time_limit: None,
     }
 }
 

@@ -6,7 +6,7 @@ use record::{
     axis::{HARDWARE, NODE, OS},
     identity::{HostIdentity, IdentityMismatch},
     run_directory::PlannedScenario,
-    settings::Need,
+    settings::{Need, Settings},
 };
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
@@ -14,7 +14,10 @@ use serde::{Deserialize, Serialize};
 use super::expansion::Combination;
 use crate::{
     matrix_file::{Host, OneNode, did_you_mean, list},
-    provider::Availability,
+    provider::{
+        Availability,
+        time_limit::{TimeLimit, WindowTooLong},
+    },
 };
 
 /// What a survey found out about a host.
@@ -41,6 +44,8 @@ pub struct ProviderFacts {
     pub availability: Availability,
     /// Whether its environments meet what settings need. A need that is not in it is known in the environment only.
     pub needs: BTreeMap<Need, Availability>,
+    /// How long one of its environments may take; none where as long as it needs.
+    pub time_limit: Option<TimeLimit>,
 }
 
 /// What a host offers: what the matrix file says, completed by what the survey found.
@@ -106,7 +111,7 @@ impl HostCapabilities {
 
     /// Why it cannot make environments of a kind that meet a need, if it cannot. A host that is out of reach may be back
     /// when its turn comes: that a machine is broken says nothing of what it can do.
-    fn obstacle(&self, virtualization: &str, need: Option<&Need>) -> Option<Obstacle> {
+    fn obstacle(&self, virtualization: &str, need: Option<&Need>, settings: &Settings) -> Option<Obstacle> {
         let Some(facts) = &self.facts else {
             return Some(Obstacle {
                 reason: format!("host `{}` was not asked what it can do", self.host),
@@ -122,7 +127,15 @@ impl HostCapabilities {
                 fix: None,
             });
         };
-        unavailable(&provider.availability).or_else(|| unavailable(provider.needs.get(need?)?))
+        let too_long = || provider.time_limit?.most_windows(settings).err();
+        unavailable(&provider.availability)
+            .or_else(|| unavailable(provider.needs.get(need?)?))
+            .or_else(|| {
+                Some(Obstacle {
+                    reason: too_long()?.to_string(),
+                    fix: Some(WindowTooLong::HINT.to_owned()),
+                })
+            })
     }
 }
 
@@ -171,17 +184,18 @@ pub fn fitting<'a>(
     })
 }
 
-/// The first host that offers a combination's hardware and OS and can make an environment that meets its need, or, after
+/// The first host that offers a combination's hardware and OS and can make an environment that meets its settings' need, or, after
 /// all those, may be able to when it is back; if none can, the first that offers them, with what stands in the way.
 #[must_use]
 pub fn place(
     combination: &Combination,
     provider: &str,
-    need: Option<&Need>,
+    settings: &Settings,
     offers: &[HostCapabilities],
 ) -> Placement {
+    let need = Need::of(settings);
     let mut fitting: Vec<_> = fitting(combination, offers)
-        .map(|offer| (offer.obstacle(provider, need), offer))
+        .map(|offer| (offer.obstacle(provider, need.as_ref(), settings), offer))
         .collect();
     // A stable sort: among equals the file's order decides.
     fitting.sort_by_key(|(obstacle, offer)| (obstacle.is_some(), offer.silence().is_some()));

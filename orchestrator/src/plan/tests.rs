@@ -15,6 +15,7 @@ fn willing(hardware: &str, os: &str) -> HostFacts {
             detail: "works".to_owned(),
         },
         needs: BTreeMap::new(),
+        time_limit: None,
     };
     HostFacts {
         hardware: hardware.to_owned(),

@@ -13,7 +13,6 @@
 
 mod environment;
 mod probe;
-mod time;
 
 use std::{
     collections::{BTreeSet, VecDeque},
@@ -44,6 +43,7 @@ use super::{
     Availability, Environment, EnvironmentRequest, Leftover, Provider, ProviderError, ShellRequest, backoff,
     detached::{AgentClient, DIRECTORY},
     docker::{self, DockerSettings},
+    time_limit::{self, TimeLimit},
 };
 use crate::{
     batch::{Cluster, Clusters, FittingNodes, Job, JobOwner, JobRequest},
@@ -196,7 +196,7 @@ impl Jobs {
             .map(Into::into)
             .into(),
             output: folder.join(layout::JOB_OUTPUT),
-            minutes: time::minutes(&request.settings, request.windows.len(), longest),
+            minutes: time_limit::minutes(&request.settings, request.windows.len(), longest.map(TimeLimit)),
             ..self.any_job().await?
         })
     }
@@ -580,22 +580,8 @@ impl Provider for Jobs {
         }
     }
 
-    async fn most_windows(&self, settings: &Settings) -> Result<Option<usize>, ProviderError> {
-        let longest = self.longest_minutes().await?;
-        longest
-            .map(|minutes| {
-                time::most_windows(settings, minutes).ok_or_else(|| ProviderError::Unsupported {
-                    provider: format!("the partition of host `{}`", self.agent.host()),
-                    reason: format!(
-                        "a job may take {minutes} min there, and one window takes {} with what goes before and after it",
-                        humantime::format_duration(time::of_windows(settings, 1))
-                    ),
-                    hint: Some(
-                        "write a shorter `workload.window`, or a `partition` that allows more time: `sinfo -o '%P %l'`".to_owned(),
-                    ),
-                })
-            })
-            .transpose()
+    async fn time_limit(&self) -> Result<Option<TimeLimit>, ProviderError> {
+        Ok(self.longest_minutes().await?.map(TimeLimit))
     }
 
     async fn leftovers(&self) -> Result<Vec<Leftover>, ProviderError> {

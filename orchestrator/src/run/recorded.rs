@@ -12,8 +12,8 @@ use std::{
 use record::{
     connection::Connection,
     run_directory::{
-        Event, HostRecord, JournalEntry, Manifest, Place, PlanRecord, ReadError, RunDirectory, RunRecords,
-        RunState,
+        Event, HostRecord, JobStanding, JournalEntry, Manifest, Place, PlanRecord, PlannedScenario,
+        ReadError, RunDirectory, RunRecords, RunState, ScenarioState, Standing,
     },
 };
 use serde::Serialize;
@@ -72,7 +72,7 @@ pub enum RecordedRunError {
         directory: PathBuf,
     },
     /// This user's list of runs does not have it.
-    #[error("run {run} has jobs on a cluster, and is not among the runs that were begun here")]
+    #[error("run {run} has hosts of a cluster, and the list of runs that were begun here does not have it")]
     Anothers {
         /// The run's name.
         run: String,
@@ -123,7 +123,9 @@ impl RecordedRunError {
                 escaping::pasted(directory)
             ),
             Self::Anothers { .. } => {
-                "ask where it was begun, with the same `MATRIX_STATE_DIR`; or leave out `--hosts`".to_owned()
+                "`matrix clean` may have taken its jobs back, which `matrix resume` submits again; or ask where it was begun, with the same \
+                 `MATRIX_STATE_DIR`"
+                    .to_owned()
             }
             Self::Redacted { .. } => {
                 "it says of no host how it is reached: go on with the run that it was made of".to_owned()
@@ -270,26 +272,48 @@ impl RecordedRun {
             if let Some(silence) = &seen.silence {
                 silent.insert(host.name().to_owned(), silence.clone());
             }
-            let open: Vec<(String, String)> = self
-                .state
-                .scenarios
-                .iter()
-                .flat_map(|(slug, state)| state.open().map(|it| (slug.clone(), it.environment.clone())))
-                .collect();
-            for (scenario, environment) in open {
-                if let Some(job) = seen.job(&environment) {
-                    self.state.apply(&JournalEntry {
-                        at: journal::now(),
-                        event: Event::JobChanged {
-                            scenario,
-                            environment,
-                            standing: job.standing(),
-                        },
-                    });
-                }
+            for (scenario, environment, job) in self.open_jobs(host.name()) {
+                let standing = match seen.job(&environment) {
+                    Some(job) => job.standing(),
+                    // A batch system forgets a job some minutes after its end.
+                    None if seen.silence.is_none() => JobStanding {
+                        standing: Standing::Ended,
+                        state: "not in the queue any more".to_owned(),
+                        reason: None,
+                        start: None,
+                        ..job
+                    },
+                    None => continue,
+                };
+                self.state.apply(&JournalEntry {
+                    at: journal::now(),
+                    event: Event::JobChanged {
+                        scenario,
+                        environment,
+                        standing,
+                    },
+                });
             }
         }
         Ok(silent)
+    }
+
+    /// The jobs of a host that were submitted and not collected, with scenario and environment.
+    fn open_jobs(&self, host: &str) -> Vec<(String, String, JobStanding)> {
+        let is_of_host = |planned: &&PlannedScenario| planned.hosts().any(|it| it == host);
+        let of_host = self.plan.scenarios.iter().filter(is_of_host);
+        of_host
+            .flat_map(|planned| {
+                let open = self
+                    .state
+                    .scenarios
+                    .get(&planned.slug)
+                    .into_iter()
+                    .flat_map(ScenarioState::open);
+                open.filter_map(|it| Some((planned.slug.clone(), it.environment.clone(), it.job.clone()?)))
+                    .collect::<Vec<_>>()
+            })
+            .collect()
     }
 
     fn has_clusters(&self) -> bool {

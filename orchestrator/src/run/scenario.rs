@@ -37,7 +37,10 @@ use super::{
 use crate::{
     disk_space,
     journal::JournalError,
-    provider::{Ended, Environment, EnvironmentRequest, News, Provider, detached::AgentClient, facts},
+    provider::{
+        Ended, Environment, EnvironmentRequest, News, Provider, ProviderError, detached::AgentClient, facts,
+        time_limit::WindowTooLong,
+    },
 };
 
 /// What the workload says of its network is no longer.
@@ -243,7 +246,15 @@ impl Run<'_> {
                 return Ok(Work::Ended(Ending::of(Outcome::Interrupted, None, None)));
             }
             let all = windows.len();
-            if let Some(most) = provider.most_windows(&planned.settings).await? {
+            if let Some(limit) = provider.time_limit().await? {
+                let most =
+                    limit
+                        .most_windows(&planned.settings)
+                        .map_err(|too_long| ProviderError::Unsupported {
+                            provider: format!("`{}` there", provider.name()),
+                            reason: too_long.to_string(),
+                            hint: Some(WindowTooLong::HINT.to_owned()),
+                        })?;
                 windows.truncate(most);
             }
             let is_last = windows.len() == all;

@@ -222,6 +222,11 @@ fn jobs_need_no_matrix_and_one_that_comes_back_takes_up_what_is_there() {
             .slurm(&["squeue", "--noheader", "--me", "--states=all"])
             .is_empty()
     });
+    let status = workplace.json(&["status", run_argument, "--hosts"]);
+    assert!(
+        scenarios(&status).iter().all(|it| it["state"] == "to collect"),
+        "{status:#}"
+    );
     let collected = workplace.run(&["resume", run_argument, "--submit"]);
     done(&collected);
     all_is_whole(&run, 2, 2);
@@ -503,9 +508,10 @@ fn windows_that_no_job_may_measure_in_one_go_are_divided_and_a_job_whose_time_is
         "long.yaml",
         matrix("partition: brief, constraint: x86_64", &windows(1, 50)),
     );
-    let long = workplace.run(&["run", "long.yaml", "--out", "long"]);
-    assert_eq!(long.code, Some(3), "{long:?}");
-    assert!(long.err.contains("a job may take 1 min there"), "{long:?}");
+    let long = workplace.json(&["plan", "long.yaml"]);
+    let reason = long["scenarios"][0]["reason"].as_str().unwrap_or_default();
+    assert!(reason.contains("a job may take 1 min there"), "{long:#}");
+    assert_eq!(workplace.run(&["run", "long.yaml"]).code, Some(3));
     let ran = workplace.run(&["run", "m.yaml"]);
     done(&ran);
     let run = workplace.run_directory();
@@ -577,7 +583,11 @@ fn what_the_cluster_does_not_have_is_told_before_anything_is_submitted() {
     workplace.write("m.yaml", other);
     let ran = workplace.run(&["run", "m.yaml"]);
     assert_eq!(ran.code, Some(3), "{ran:?}");
-    assert!(ran.err.contains("which is `i686`"), "{ran:?}");
+    assert!(
+        ran.err.contains("which is `i686` (to do: write `hardware: i686`"),
+        "{ran:?}"
+    );
+    assert!(!ran.err.contains("left no word of its end"), "{ran:?}");
     assert_eq!(cluster.jobs(), Vec::<[String; 4]>::new());
     // No job makes a virtual machine, and the plan says what one can do.
     workplace.write(

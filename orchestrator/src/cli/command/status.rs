@@ -90,7 +90,8 @@ struct ScenarioRecord<'a> {
     /// Whether it can run.
     feasible: bool,
     /// `completed`, `failed`, `errored`, `interrupted`, `infeasible`, `not selected`, `running`, `left behind` (its environment
-    /// may exist, and no `matrix` works on the run), `queued` (its job waits for its turn) or `waiting`.
+    /// may exist, and no `matrix` works on the run), `queued` (its job waits for its turn), `to collect` (its
+    /// job has ended, and `matrix resume` takes what it measured) or `waiting`.
     state: &'static str,
     /// Why, where there is a reason.
     reason: Option<&'a str>,
@@ -446,9 +447,10 @@ fn under_way(state: &ScenarioState, live: bool) -> String {
 /// The state of a scenario that has several environments is that of the one to look at first: one that is at work or was left, one
 /// that has not ended as it should, and only then what all of them have come to.
 fn word(planned: &PlannedScenario, state: &ScenarioState, live: bool) -> &'static str {
-    const FIRST: [&str; 9] = [
+    const FIRST: [&str; 10] = [
         "running",
         "queued",
+        "to collect",
         "left behind",
         "interrupted",
         "waiting",
@@ -477,6 +479,7 @@ fn word_of_round(planned: &PlannedScenario, round: &RoundState, live: bool) -> &
         (true, None, Some(open)) => match open.job.as_ref().map(|job| job.standing) {
             Some(Standing::Waits | Standing::WaitsForEver) => "queued",
             Some(Standing::Runs) => "running",
+            Some(Standing::Ended | Standing::LostItsNode) if !live => "to collect",
             _ if live => "running",
             _ => "left behind",
         },

@@ -9,7 +9,7 @@ use std::{
 use async_trait::async_trait;
 use record::{
     connection::Slurm,
-    detached::{self, Looked},
+    detached::{self, Failure, Looked},
     progress::Progress,
     run_directory::{JobStanding, Standing, fact},
 };
@@ -34,6 +34,8 @@ const ENDING: Duration = Duration::from_secs(1);
 const OVER_WITHIN: Duration = Duration::from_secs(60);
 /// Why a job waits whose node is down, drained or reserved.
 const NODE_GONE: &str = "ReqNodeNotAvail";
+/// Characters of what a job says of its end.
+const MOST_WORDS: usize = 1000;
 /// Whoever runs the cluster could fill the journal with changes of a job's state.
 const MOST_CHANGES: u32 = 200;
 
@@ -197,6 +199,17 @@ impl JobEnvironment {
         }
     }
 
+    /// Why the job ended without a workload, in its own words: its node is another than the file says, or lacks what it needs.
+    fn refusal(&self) -> Option<Failure> {
+        let looked = self.looked.as_ref().filter(|looked| looked.ended.is_none())?;
+        let last = looked
+            .last_words
+            .lines()
+            .rev()
+            .find(|line| !line.trim().is_empty())?;
+        serde_json::from_str(last).ok()
+    }
+
     /// What the state of the job means for the environment.
     async fn judge(&mut self, job: Option<&Job>) -> Result<(), ProviderError> {
         let over = match job.map(|job| (job, job.standing)) {
@@ -260,7 +273,8 @@ impl JobEnvironment {
             (Some(_), Some(_)) => {}
         }
         let never_began = self.looked.as_ref().is_none_or(|looked| looked.job.is_none());
-        let visible_within = match self.asked_to_stop && never_began {
+        let has_said_why = self.refusal().is_some();
+        let visible_within = match has_said_why || (self.asked_to_stop && never_began) {
             true => Duration::ZERO,
             false => self.parts.slurm.visible_within.duration(),
         };
@@ -391,6 +405,11 @@ impl Environment for JobEnvironment {
         while self.next_progress().await?.is_some() {}
         if matches!(self.last_line, Some(Progress::Stopped { .. })) && !self.asked_to_stop {
             return Ok(self.ended_by_another().await);
+        }
+        if let Some(Failure { error, hint }) = self.refusal() {
+            let to_do = hint.map(|hint| format!(" (to do: {hint})"));
+            let why = format!("{error}{}", to_do.unwrap_or_default());
+            return Ok(Ended::failed(&why.chars().take(MOST_WORDS).collect::<String>()));
         }
         let looked = self.looked.as_ref();
         let words = looked.map(|looked| looked.last_words.clone()).unwrap_or_default();

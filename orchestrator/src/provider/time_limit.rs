@@ -1,4 +1,4 @@
-//! How long a job may take. Pure.
+//! How long a job may take. Pure. The main type is [`TimeLimit`].
 //!
 //! A short limit lets a job begin earlier, in a gap before a larger one; a limit that is too short ends it in a window.
 
@@ -11,8 +11,52 @@ const COMPUTED_FASTER: u32 = 20;
 /// What goes before the windows and after them on a slow node and a slow file system.
 const AROUND: Duration = Duration::from_secs(600);
 
+/// What one environment may take on a host, in minutes.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct TimeLimit(pub u32);
+
+/// Not even one window fits.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, thiserror::Error)]
+#[error(
+    "a job may take {} min there, and one window takes {} with what goes before and after it",
+    limit.0,
+    humantime::format_duration(*window)
+)]
+pub struct WindowTooLong {
+    /// The limit.
+    limit: TimeLimit,
+    /// The time that one takes.
+    window: Duration,
+}
+
+impl WindowTooLong {
+    /// What to do about it.
+    pub const HINT: &str =
+        "write a shorter `workload.window`, or a `partition` that allows more time: `sinfo -o '%P %l'`";
+}
+
+impl TimeLimit {
+    /// How many windows fit into one environment. A quarter of a short limit goes to what is around them.
+    ///
+    /// # Errors
+    /// When not even one does.
+    pub fn most_windows(self, settings: &Settings) -> Result<usize, WindowTooLong> {
+        let longest = Duration::from_secs(u64::from(self.0) * 60);
+        let room = longest.saturating_sub(AROUND.min(longest / 4));
+        let window = of_windows(settings, 1);
+        // At most the number of windows of a matrix, and whole.
+        let windows = (room.as_secs_f64() / window.as_secs_f64().max(1e-3))
+            .floor()
+            .min(1e9) as usize;
+        match windows {
+            0 => Err(WindowTooLong { limit: self, window }),
+            some => Ok(some),
+        }
+    }
+}
+
 /// The time that so many windows take, with a twentieth for what is between them.
-pub fn of_windows(settings: &Settings, windows: usize) -> Duration {
+fn of_windows(settings: &Settings, windows: usize) -> Duration {
     let windows = u32::try_from(windows).unwrap_or(u32::MAX);
     let measured = settings
         .longest_window()
@@ -26,21 +70,10 @@ pub fn of_windows(settings: &Settings, windows: usize) -> Duration {
 }
 
 /// What a job with these windows asks for in minutes, where it may ask for at most `longest`.
-pub fn minutes(settings: &Settings, windows: usize, longest: Option<u32>) -> u32 {
+pub fn minutes(settings: &Settings, windows: usize, longest: Option<TimeLimit>) -> u32 {
     let wanted = of_windows(settings, windows).saturating_add(AROUND);
     let minutes = u32::try_from(wanted.as_secs().div_ceil(60)).unwrap_or(u32::MAX);
-    longest.map_or(minutes, |longest| minutes.min(longest)).max(1)
-}
-
-/// How many windows fit into a job of so many minutes; none if not even one does. A quarter of a short job goes to what is around
-/// them.
-pub fn most_windows(settings: &Settings, longest: u32) -> Option<usize> {
-    let longest = Duration::from_secs(u64::from(longest) * 60);
-    let room = longest.saturating_sub(AROUND.min(longest / 4));
-    let one = of_windows(settings, 1).as_secs_f64().max(1e-3);
-    // At most the number of windows of a matrix, and whole.
-    let windows = (room.as_secs_f64() / one).floor().min(1e9) as usize;
-    (windows > 0).then_some(windows)
+    longest.map_or(minutes, |longest| minutes.min(longest.0)).max(1)
 }
 
 #[cfg(test)]
@@ -69,7 +102,10 @@ mod tests {
         #[case] longest: Option<u32>,
         #[case] asks: u32,
     ) {
-        assert_eq!(minutes(&windows_of(window), windows, longest), asks);
+        assert_eq!(
+            minutes(&windows_of(window), windows, longest.map(TimeLimit)),
+            asks
+        );
     }
 
     #[rstest]
@@ -82,6 +118,6 @@ mod tests {
         #[case] longest: u32,
         #[case] fit: Option<usize>,
     ) {
-        assert_eq!(most_windows(&windows_of(window), longest), fit);
+        assert_eq!(TimeLimit(longest).most_windows(&windows_of(window)).ok(), fit);
     }
 }
