@@ -50,7 +50,7 @@ impl Journal {
         };
         let mut options = OpenOptions::new();
         options.read(true).append(true);
-        let mut file = match place.open_with(&options) {
+        let mut file = match place.open_to_write(&options) {
             Err(error) if error.kind() == io::ErrorKind::NotFound => place.create().map_err(fail)?,
             opened => opened.map_err(fail)?,
         };

@@ -163,10 +163,10 @@ pub fn of_this_machine() -> PathBuf {
 fn open(place: &Place) -> io::Result<File> {
     let mut options = OpenOptions::new();
     options.read(true).write(true);
-    let file = match place.open_with(&options) {
+    let file = match place.open_to_write(&options) {
         Err(error) if error.kind() == io::ErrorKind::NotFound => match place.create() {
             // Another has made it meanwhile.
-            Err(error) if error.kind() == io::ErrorKind::AlreadyExists => place.open_with(&options)?,
+            Err(error) if error.kind() == io::ErrorKind::AlreadyExists => place.open_to_write(&options)?,
             created => created?,
         },
         opened => opened?,

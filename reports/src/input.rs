@@ -4,6 +4,7 @@
 pub mod loop_logs;
 pub mod overheads;
 pub mod run;
+pub mod short_lines;
 pub mod traffic;
 pub mod verification;
 pub mod window_data;

@@ -5,6 +5,7 @@
 use std::{error::Error, fmt, sync::Arc};
 
 use annotate_snippets::{AnnotationKind, Group, Level, Renderer, Snippet};
+use record::escaping::{harmless, harmless_line};
 use schemars::JsonSchema;
 use serde::Serialize;
 
@@ -267,11 +268,12 @@ impl Diagnostic {
             )
             .annotations(others);
         // The title is ours, but parts of it come from the file: no control character may reach the terminal.
-        let title = annotate_snippets::normalize_untrusted_str(&self.message);
+        // Nor any that ends the line: the next one could be a command for a runner of a CI system.
+        let title = harmless_line(&self.message);
         let mut group = Group::with_title(self.severity.level().primary_title(title).id(self.code.name()))
             .element(snippet);
         if let Some(help) = &self.help {
-            group = group.element(Level::HELP.message(annotate_snippets::normalize_untrusted_str(help)));
+            group = group.element(Level::HELP.message(harmless(help)));
         }
         renderer.render(&[group])
     }

@@ -176,6 +176,17 @@ fn every_mistake_is_shown_at_its_place(#[case] text: &str) {
     });
 }
 
+#[rstest]
+#[case::value("matrix: {virtualization: [\"\\n::error file=x::evil\"]}\n")]
+#[case::key("matrix: {}\n\"\\n::stop-commands::x\": 1\n")]
+#[case::host("matrix: {}\nhosts: {\"\\n::add-path::/x\": {connect: local}}\n")]
+fn no_line_of_a_message_is_a_command_for_a_ci_systems_runner(#[case] text: &str) {
+    let told = told(text.as_bytes(), None).to_string();
+    let obeyed = told.lines().find(|line| line.trim_start().starts_with("::"));
+    assert_eq!(obeyed, None, "{told}");
+    assert!(told.contains("::"), "{told}");
+}
+
 #[test]
 fn what_is_not_utf8_is_shown_at_its_place() {
     insta::assert_snapshot!(told(b"matrix:\n  os: [\"m\xe4c\"]\n", None));

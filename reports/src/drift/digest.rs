@@ -22,7 +22,7 @@ use std::{
     time::UNIX_EPOCH,
 };
 
-use record::run_directory::{Kind, Place, ReadError, RunDirectory, read_file, values_in};
+use record::run_directory::{Kind, Place, ReadError, RunDirectory, from_json, read_file, values_in};
 use serde::{Deserialize, Serialize};
 use sha2::{Digest, Sha256};
 
@@ -122,7 +122,7 @@ fn of_pruned(directory: &RunDirectory) -> Result<Option<Night>, ReadError> {
     if values_in(&text) > MOST_VALUES {
         return Err(damaged("it has more values than a night can have"));
     }
-    let kept: Pruned<Night> = serde_json::from_slice(&text).map_err(|source| ReadError::Json {
+    let kept: Pruned<Night> = from_json(&text).map_err(|source| ReadError::Json {
         path: place.path(),
         source,
     })?;
@@ -149,7 +149,7 @@ fn read(place: &Place, made_from: &str) -> Option<Night> {
     if values_in(&text) > MOST_VALUES {
         return None;
     }
-    let kept: Kept<Night> = serde_json::from_slice(&text).ok()?;
+    let kept: Kept<Night> = from_json(&text).ok()?;
     drop(text);
     let is_of_now = kept.format == FORMAT && kept.made_from == made_from;
     (is_of_now && kept.sha256 == sha256_of(&kept.night)).then_some(kept.night)

@@ -5,6 +5,7 @@
 
 use std::io;
 
+use record::layout;
 use record::run_directory::{Place, ReadError, RunDirectory, RunRecords, read_window};
 
 use super::{Night, digest::Pruned};
@@ -31,7 +32,8 @@ impl Measurements {
                 let folder = directory.window(&planned.slug, number);
                 // What nobody can read is no window that counts, and stays.
                 if let Ok(record) = read_window(&folder, known.window_sha256(number)) {
-                    files.extend(record.files.iter().map(|file| folder.join(&file.name)));
+                    let measured = record.files.iter().filter(|file| file.name != layout::WINDOW);
+                    files.extend(measured.map(|file| folder.join(&file.name)));
                 }
             }
         }

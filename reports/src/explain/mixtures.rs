@@ -64,7 +64,7 @@ pub(super) type OfMixtures = [f64; MIXTURES];
 /// What is simulated.
 pub(super) struct Design<'a> {
     settings: &'a Settings,
-    report: &'a ReportSettings,
+    report: ReportSettings,
     seed: u64,
     /// Simulations of a mixture of one pair of platforms.
     pub seeds: u64,
@@ -92,6 +92,12 @@ impl<'a> Design<'a> {
         let periods = settings
             .periods_per_window()
             .clamp(1, (LONGEST / per_period).max(1));
+        // Whatever a record says: no more is discarded than a window has.
+        let in_a_window = u32::try_from(settings.periods_per_window()).unwrap_or(u32::MAX);
+        let report = ReportSettings {
+            discard_periods: report.discard_periods.min(in_a_window),
+            ..report.clone()
+        };
         let of_one = (u64::from(report.discard_periods) + periods) * per_period;
         let pairs = pairs.max(1) as u64;
         let of_each = |simulations: u64| simulations.div_ceil(pairs);
@@ -156,7 +162,7 @@ impl<'a> Design<'a> {
 
     fn errors_m(&self, platform: &Platform, seed: u64) -> Vec<f64> {
         let steps = self.periods * self.settings.steps_per_period().max(1);
-        let (settings, report) = (self.settings, self.report);
+        let (settings, report) = (self.settings, &self.report);
         period_errors_m(settings, report, report.error, platform, (steps, seed))
     }
 }

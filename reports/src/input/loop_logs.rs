@@ -16,6 +16,8 @@ use record::{
 };
 use serde::de::DeserializeOwned;
 
+use super::short_lines::ShortLines;
+
 /// Looks at each scenario of the ball on the plate, side by side; what came of them, in letter order.
 ///
 /// # Errors
@@ -122,7 +124,7 @@ impl Iterator for LoopLogs<'_> {
 struct Rows<'a, T> {
     log: &'static str,
     windows: std::iter::Enumerate<std::slice::Iter<'a, (Place, WindowRecord)>>,
-    open: Option<(usize, csv::DeserializeRecordsIntoIter<File, T>)>,
+    open: Option<(usize, csv::DeserializeRecordsIntoIter<ShortLines<File>, T>)>,
 }
 
 impl<'a, T: DeserializeOwned> Rows<'a, T> {
@@ -167,7 +169,7 @@ impl<T: DeserializeOwned> Iterator for Rows<'_, T> {
             let (window, (folder, record)) = self.windows.next()?;
             match self.open(folder, record) {
                 Ok(file) => {
-                    let rows = csv::Reader::from_reader(file).into_deserialize();
+                    let rows = csv::Reader::from_reader(ShortLines::new(file)).into_deserialize();
                     self.open = Some((window, rows));
                 }
                 Err(reason) => return Some(Err(reason)),

@@ -12,6 +12,7 @@ use record::{
 use simulation::message::stamp_in_text;
 
 use super::frames::Label;
+use crate::input::short_lines::ShortLines;
 
 /// A message in the log.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -36,7 +37,7 @@ pub(super) struct LoggedMessages {
 #[derive(Debug)]
 struct OpenLog {
     place: Place,
-    reader: csv::Reader<File>,
+    reader: csv::Reader<ShortLines<File>>,
     record: ByteRecord,
     /// Where the columns are that the topic needs: number, stamp, time of receipt.
     columns: Vec<(&'static str, usize)>,
@@ -125,7 +126,7 @@ impl OpenLog {
         })?;
         let mut reader = csv::ReaderBuilder::new()
             .buffer_capacity(1 << 16)
-            .from_reader(file);
+            .from_reader(ShortLines::new(file));
         let header = reader
             .byte_headers()
             .map_err(|error| unusable(&place, Fault::Csv(error)))?;

@@ -10,7 +10,7 @@ use crate::{
         contrast::Verdict,
         expectation::{ExpectedMean, Miss},
         report::Report,
-        scenario::Standing,
+        scenario::{ScenarioReport, Standing},
     },
     present::{
         axes::Axes,
@@ -51,7 +51,7 @@ impl Report {
             let told = other.findings().into_iter().take(told);
             sentences.extend(told.map(|finding| format!("{}: {finding}", other.quantity.name)));
         }
-        sentences.extend(self.suspect());
+        sentences.extend(self.disturbed());
         if let Some(first) = sentences.first_mut().filter(|_| self.is_simulated()) {
             first.insert_str(0, "Simulated, not measured: ");
         }
@@ -250,8 +250,11 @@ impl Report {
                 1 => "",
                 _ => ", or fewer if fewer pairs are declared (`report.family`)",
             };
-            return needed.map(|needed| {
-                format!("It takes {needed} {unit}s of each scenario or more (`{unit}s: {needed}` below `workload:`){fewer}.")
+            return needed.map(|needed| match self.measured_windows() {
+                Some(measured) if measured >= needed && self.replicates.is_none() => format!(
+                    "It takes {needed} windows of each scenario that count: so many were measured, and too many of them are invalid."
+                ),
+                _ => format!("It takes {needed} {unit}s of each scenario or more (`{unit}s: {needed}` below `workload:`){fewer}."),
             });
         }
         let open = [
@@ -271,29 +274,45 @@ impl Report {
         }
     }
 
+    /// The windows of the measured scenario that has the fewest of them, whether they count or not.
+    fn measured_windows(&self) -> Option<usize> {
+        let windows = self.scenarios.iter().map(|scenario| scenario.windows.len());
+        windows.filter(|windows| *windows > 0).min()
+    }
+
     /// The scenarios of which windows are not valid: their numbers may be of what disturbed them.
-    fn suspect(&self) -> Option<String> {
-        let suspect: Vec<String> = self
+    fn disturbed(&self) -> Option<String> {
+        let invalid = self.named_windows(|it| (it.windows.len() - it.windows_counted(), it.windows.len()));
+        let suspect = self.named_windows(|it| (it.windows_suspect(), it.windows_counted()));
+        let invalid = invalid.map(|named| format!("Invalid windows, which do not count: {named}. "));
+        let suspect = suspect
+            .map(|named| format!("Suspect windows, in which something disturbed the measurement: {named}. "));
+        (invalid.is_some() || suspect.is_some()).then(|| {
+            format!(
+                "{}{}Measure again on an idle machine before you rely on them.",
+                invalid.unwrap_or_default(),
+                suspect.unwrap_or_default()
+            )
+        })
+    }
+
+    /// The scenarios that have some of these windows, of so many.
+    fn named_windows(&self, of: impl Fn(&ScenarioReport) -> (usize, usize)) -> Option<String> {
+        let some: Vec<String> = self
             .scenarios
             .iter()
             .filter_map(|scenario| {
-                let suspect = scenario.windows_suspect();
-                (suspect > 0)
-                    .then(|| format!("{suspect} of {} of {}", scenario.windows_counted(), scenario.id))
+                let (some, all) = of(scenario);
+                (some > 0).then(|| format!("{some} of {all} of {}", scenario.id))
             })
             .collect();
-        let (named, rest) = suspect.split_at(suspect.len().min(MOST_NAMED));
+        let (named, rest) = some.split_at(some.len().min(MOST_NAMED));
         let rest = match rest.len() {
             0 => String::new(),
             1 => ", and of 1 more scenario".to_owned(),
             many => format!(", and of {many} more scenarios"),
         };
-        (!named.is_empty()).then(|| {
-            format!(
-                "Suspect windows, in which something disturbed the measurement: {}{rest}. Measure again on an idle machine before you rely on them.",
-                named.join(", ")
-            )
-        })
+        (!named.is_empty()).then(|| format!("{}{rest}", named.join(", ")))
     }
 }
 

@@ -10,19 +10,7 @@ use std::fmt::Write as _;
 pub fn harmless(text: &str) -> String {
     let mut harmless = String::with_capacity(text.len());
     for line in text.split_inclusive('\n') {
-        let begin = harmless.len();
-        for character in line.chars() {
-            match character {
-                '\n' | '\t' => harmless.push(character),
-                _ if is_unseen(character) => {
-                    let _ = write!(harmless, "{}", character.escape_unicode());
-                }
-                _ => harmless.push(character),
-            }
-        }
-        let shown = without_commands(harmless.get(begin..).unwrap_or_default());
-        harmless.truncate(begin);
-        harmless.push_str(&shown);
+        harmless.push_str(&without_commands(&visible(line)));
     }
     harmless
 }
@@ -31,6 +19,22 @@ pub fn harmless(text: &str) -> String {
 #[must_use]
 pub fn harmless_line(text: &str) -> String {
     harmless(&text.replace('\n', "\\n").replace('\t', "\\t"))
+}
+
+/// A text as it is, but for what a reader would not see: that is spelt out. Ends of lines and tabs stay.
+#[must_use]
+pub fn visible(text: &str) -> String {
+    let mut visible = String::with_capacity(text.len());
+    for character in text.chars() {
+        match character {
+            '\n' | '\t' => visible.push(character),
+            _ if is_unseen(character) => {
+                let _ = write!(visible, "{}", character.escape_unicode());
+            }
+            _ => visible.push(character),
+        }
+    }
+    visible
 }
 
 /// Whether a reader would not see it, or see what follows elsewhere.

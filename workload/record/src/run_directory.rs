@@ -50,7 +50,7 @@ pub use place::{FileDigest, Kind, Place, Unfinished};
 pub use plan::{PlanRecord, PlannedScenario, letter};
 pub use plant_trace::PlantTrace;
 pub use reading::{
-    LONGEST_RECORD, ReadError, read_environment, read_file, read_record, read_window, values_in,
+    LONGEST_RECORD, ReadError, from_json, read_environment, read_file, read_record, read_window, values_in,
 };
 pub use records::RunRecords;
 pub use state::{

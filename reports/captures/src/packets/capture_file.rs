@@ -118,6 +118,15 @@ impl CaptureReadError {
     }
 }
 
+/// The logarithm of the window that a packed capture may ask for: ours ask for 21. A frame may ask for 128 MiB, of each that is open.
+const WINDOW_LOG_MAX: u32 = 23;
+
+fn unpacked<R: Read>(packed: R) -> io::Result<zstd::stream::read::Decoder<'static, io::BufReader<R>>> {
+    let mut unpacking = zstd::stream::read::Decoder::new(packed)?;
+    unpacking.window_log_max(WINDOW_LOG_MAX)?;
+    Ok(unpacking)
+}
+
 impl CaptureFile {
     /// Opens a capture; one whose name ends with `.zst` is unpacked as it is read.
     ///
@@ -130,7 +139,7 @@ impl CaptureFile {
         };
         let file = place.open().map_err(|error| failed(CaptureFault::Io(error)))?;
         let source: Box<dyn Read> = if place.name().ends_with(".zst") {
-            let unpacking = zstd::stream::read::Decoder::new(file);
+            let unpacking = unpacked(file);
             Box::new(unpacking.map_err(|error| failed(CaptureFault::Io(error)))?)
         } else {
             Box::new(file)
@@ -161,7 +170,7 @@ impl CaptureFile {
         };
         let most = record.as_measured().bytes;
         let source: Box<dyn Read> = if place.name().ends_with(".zst") {
-            let unpacking = zstd::stream::read::Decoder::new(sealed);
+            let unpacking = unpacked(sealed);
             let inner = unpacking.map_err(|error| failed(CaptureFault::Io(error)))?;
             Box::new(NoLonger {
                 inner,

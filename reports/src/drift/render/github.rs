@@ -49,7 +49,7 @@ impl Drift {
                 text,
                 "\n- **{} {}** {}",
                 cell(&judgement.scenario),
-                judgement.metric.name(),
+                cell(judgement.metric.name()),
                 cell(&finding.in_words(&judgement.metric))
             );
         }
@@ -59,7 +59,7 @@ impl Drift {
                 text,
                 "| {} | {} | {} | {} |",
                 cell(&judgement.scenario),
-                judgement.metric.name(),
+                cell(judgement.metric.name()),
                 judgement.nights,
                 cell(&judgement.in_words())
             );

@@ -33,7 +33,7 @@ impl Drift {
                 xml,
                 "    <testcase classname=\"{}\" name=\"{}\">{}</testcase>",
                 escaped(&judgement.scenario),
-                judgement.metric.name(),
+                escaped(judgement.metric.name()),
                 outcome(judgement)
             );
         }

@@ -207,9 +207,30 @@ pub(crate) fn csv(pieces: Pieces<'_>, out: &mut impl Write) -> PolarsResult<()> 
     for (nth, piece) in pieces.enumerate() {
         CsvWriter::new(&mut *out)
             .include_header(nth == 0)
-            .finish(&mut piece?)?;
+            .finish(&mut without_formulas(piece?)?)?;
     }
     Ok(())
+}
+
+/// A spreadsheet takes a text for a formula that begins as one. Names come from whoever wrote the matrix file.
+fn without_formulas(mut frame: DataFrame) -> PolarsResult<DataFrame> {
+    const BEGIN: [char; 4] = ['=', '+', '-', '@'];
+    let names: Vec<String> = frame.get_column_names().iter().map(ToString::to_string).collect();
+    for name in names {
+        let Ok(texts) = frame.column(&name)?.str() else {
+            continue;
+        };
+        if !texts.iter().flatten().any(|text| text.starts_with(BEGIN)) {
+            continue;
+        }
+        let shown = |text: &str| match text.starts_with(BEGIN) {
+            true => format!("'{text}"),
+            false => text.to_owned(),
+        };
+        let shown: Vec<Option<String>> = texts.iter().map(|text| text.map(shown)).collect();
+        frame.with_column(Series::new(name.as_str().into(), shown).into_column())?;
+    }
+    Ok(frame)
 }
 
 pub(crate) fn parquet(pieces: Pieces<'_>, out: &mut impl Write) -> PolarsResult<()> {
@@ -241,6 +262,28 @@ mod tests {
     fn pieces() -> Pieces<'static> {
         let piece = |from: u32| df!["window" => [from, from + 1], "unlike" => [None, Some("rate")]];
         Box::new([1, 3, 5].into_iter().map(piece))
+    }
+
+    #[test]
+    fn no_text_is_a_formula_of_a_spreadsheet() {
+        let texts = ["=HYPERLINK(\"http://evil\")", "+1", "-1+1", "@SUM(1)", "x86_64"];
+        let piece = df!["hardware" => texts, "shift" => [-1.0, 0.0, 1.0, 2.0, 3.0]];
+        let mut csv_text = Vec::new();
+        csv(Box::new(iter::once(piece)), &mut csv_text).unwrap();
+        let csv_text = String::from_utf8(csv_text).unwrap();
+        let begins: Vec<&str> = csv_text
+            .lines()
+            .skip(1)
+            .map(|line| line.trim_start_matches('"'))
+            .collect();
+        assert!(
+            begins[..4].iter().all(|line| line.starts_with('\'')),
+            "{csv_text}"
+        );
+        assert!(
+            csv_text.contains(",-1.0\n") && begins[4].starts_with("x86_64"),
+            "{csv_text}"
+        );
     }
 
     #[test]

@@ -39,7 +39,26 @@ pub(super) fn render(page: &Presentation<'_>) -> String {
         metric(&mut text, other);
     }
     scenarios(&mut text, report);
-    text
+    without_markup(&text)
+}
+
+/// Names and reasons of a run come from anyone: what would be a tag of HTML or a link in them is text. Ours has neither.
+fn without_markup(text: &str) -> String {
+    let mut shown = String::with_capacity(text.len());
+    let mut letters = text.chars().peekable();
+    while let Some(letter) = letters.next() {
+        let is_tag = |next: &char| next.is_ascii_alphabetic() || matches!(next, '/' | '!' | '?');
+        let is_markup = match letter {
+            '<' => letters.peek().is_some_and(is_tag),
+            ']' => matches!(letters.peek(), Some('(' | '[')),
+            _ => false,
+        };
+        if is_markup {
+            shown.push('\\');
+        }
+        shown.push(letter);
+    }
+    shown
 }
 
 /// Another metric: how large its differences are. The rest has a folder of its own.
@@ -196,4 +215,17 @@ pub(super) fn plain(text: &str) -> String {
         .map(|c| if c.is_control() { ' ' } else { c })
         .collect();
     spaced.split_whitespace().collect::<Vec<_>>().join(" ")
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn what_a_run_says_is_no_markup() {
+        assert_eq!(
+            without_markup("<img src=x> </b> <!-- [c](http://evil) p < 0.001, a <= b, [1, 2] (s)"),
+            "\\<img src=x> \\</b> \\<!-- [c\\](http://evil) p < 0.001, a <= b, [1, 2] (s)"
+        );
+    }
 }

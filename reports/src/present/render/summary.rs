@@ -32,8 +32,12 @@ pub(super) fn render(page: &Presentation<'_>) -> String {
     let axes = Axes::of(&report.scenarios);
     let mut text = String::new();
     block(&mut text, &wrapped(&plain(&report.findings().join(" ")), "", ""));
-    block(&mut text, &scenarios(report, &axes));
-    block(&mut text, &wrapped(&plain(&legend(report, &axes)), "", ""));
+    let (rows, has_plots) = scenarios(report, &axes);
+    block(&mut text, &rows);
+    block(
+        &mut text,
+        &wrapped(&plain(&legend(report, &axes, has_plots)), "", ""),
+    );
     let mut items = unmeasured(report);
     items.extend(not_valid(report));
     items.extend(of_environments(report));
@@ -54,7 +58,7 @@ pub(super) fn render(page: &Presentation<'_>) -> String {
 }
 
 /// A row for each scenario, with a plot of its values, or below where there is no room beside.
-fn scenarios(report: &Report, axes: &Axes) -> String {
+fn scenarios(report: &Report, axes: &Axes) -> (String, bool) {
     let shown: Vec<(&ScenarioReport, Option<Quantiles>)> = report
         .scenarios
         .iter()
@@ -98,7 +102,8 @@ fn scenarios(report: &Report, axes: &Axes) -> String {
     });
     let head = rows.next().unwrap_or_default();
     let mut text = drawn(head, rows, (0..).map(|column| column == VALUE));
-    if scale.is_some() && !is_beside && shown.len() <= MOST_BELOW {
+    let is_below = !is_beside && shown.len() <= MOST_BELOW;
+    if scale.is_some() && is_below {
         let letters = shown.iter().map(|(scenario, _)| scenario.id.as_str());
         let names = letters
             .clone()
@@ -112,10 +117,11 @@ fn scenarios(report: &Report, axes: &Axes) -> String {
         text.push_str("\n\n");
         text.push_str(&lines.collect::<Vec<_>>().join("\n"));
     }
-    match report.scenarios.len().saturating_sub(MOST_SHOWN) {
-        0 => text,
-        more => format!("{text}\n\nand {more} more scenarios."),
+    let more = report.scenarios.len().saturating_sub(MOST_SHOWN);
+    if more > 0 {
+        text.push_str(&format!("\n\nand {more} more scenarios."));
     }
+    (text, scale.is_some() && (is_beside || is_below))
 }
 
 fn heading(report: &Report) -> Vec<String> {
@@ -190,7 +196,7 @@ fn against_baseline(report: &Report, scenario: &ScenarioReport) -> String {
 }
 
 /// What all scenarios have in common, and what the columns are.
-fn legend(report: &Report, axes: &Axes) -> String {
+fn legend(report: &Report, axes: &Axes, has_plots: bool) -> String {
     let common = axes
         .common
         .iter()
@@ -201,6 +207,9 @@ fn legend(report: &Report, axes: &Axes) -> String {
         false => format!("All scenarios: {}. ", common.join(", ")),
     };
     text.push_str(&report.method());
+    if !has_plots {
+        return text;
+    }
     text.push_str(" Beside the mean: from the 5 % to the 95 % quantile, the quartiles (`=`) and the median (`o`) of all values.");
     text
 }

@@ -11,7 +11,7 @@ use serde::{Deserialize, Serialize};
 use super::{
     Chain, Place,
     chain::Changed,
-    reading::{ReadError, values_in},
+    reading::{ReadError, from_json, values_in},
 };
 use crate::{
     name::name,
@@ -386,7 +386,7 @@ impl Journal {
             if bytes.trim_ascii().is_empty() {
                 continue;
             }
-            let entry = serde_json::from_slice::<JournalEntry>(bytes);
+            let entry = from_json::<JournalEntry>(bytes);
             let per_value = match &entry {
                 // Facts are values of any kind.
                 Ok(entry) if matches!(entry.event, Event::EnvironmentCreated { .. }) => 256,

@@ -9,6 +9,7 @@ use std::{
     fmt, fs,
     fs::File,
     io::{self, BufWriter, Read as _, Seek as _, Write as _},
+    os::unix::fs::MetadataExt as _,
     path::{Component, Path, PathBuf},
 };
 
@@ -208,6 +209,20 @@ impl Place {
         match opened.metadata()?.is_file() {
             true => Ok(opened),
             false => Err(not_a_file(Kind::Other)),
+        }
+    }
+
+    /// Opens a regular file that is to be written to as `options` say, which do not create it.
+    ///
+    /// # Errors
+    /// As [`Self::open_with`], and when it has another name, by which something else would be written to.
+    pub fn open_to_write(&self, options: &OpenOptions) -> io::Result<File> {
+        let opened = self.open_with(options)?;
+        match opened.metadata()?.nlink() {
+            0 | 1 => Ok(opened),
+            names => Err(io::Error::other(format!(
+                "it is one file with {names} names (hard links), and matrix would write to all of them: put a copy in its place"
+            ))),
         }
     }
 
@@ -501,6 +516,20 @@ mod tests {
         let file = fs::OpenOptions::new().write(true).open(place.path());
         file.unwrap().set_len(bytes).unwrap();
         (folder, place)
+    }
+
+    #[test]
+    fn nothing_is_written_by_another_name_of_a_file() {
+        let folder = tempfile::tempdir().unwrap();
+        fs::write(folder.path().join("profile"), "theirs").unwrap();
+        let place = Place::root(folder.path()).join("lock");
+        fs::hard_link(folder.path().join("profile"), place.path()).unwrap();
+        let mut options = OpenOptions::new();
+        options.read(true).write(true);
+        let error = place.open_to_write(&options).unwrap_err();
+        assert!(error.to_string().contains("2 names"), "{error}");
+        fs::remove_file(folder.path().join("profile")).unwrap();
+        place.open_to_write(&options).unwrap();
     }
 
     #[test]

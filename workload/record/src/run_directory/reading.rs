@@ -4,10 +4,12 @@
 use std::{io, path::PathBuf};
 
 use serde::{Deserialize, de::DeserializeOwned};
+use serde_json::Value;
 use sha2::{Digest, Sha256};
 
 use super::{EnvironmentRecord, FORMAT, Manifest, Place, PlanRecord, log::LogError};
 use crate::{
+    escaping::{is_unseen, visible},
     layout,
     window::{Impossible, WindowRecord},
 };
@@ -312,7 +314,43 @@ fn read_record_of<'a, T: DeserializeOwned>(
             known,
         }),
         _ if values > most.values => Err(ReadError::impossible(place, Impossible::count("values", values))),
-        _ => serde_json::from_slice(&text).map_err(json),
+        _ => from_json(&text).map_err(json),
+    }
+}
+
+/// A record as readers may be shown it, in whichever medium: what they would not see in its texts is spelt out. The matrix file's text stays
+/// as it is, since it has a checksum of its own.
+///
+/// # Errors
+/// When it is not the JSON of such a record.
+pub fn from_json<T: DeserializeOwned>(text: &[u8]) -> serde_json::Result<T> {
+    // JSON has no control characters but between values; in a text they are escaped.
+    let has_escapes = text
+        .windows(2)
+        .any(|two| matches!(two, [b'\\', b'u' | b'b' | b'f' | b'r']));
+    let is_plain = |it: char| it.is_control() || !is_unseen(it);
+    if !has_escapes && std::str::from_utf8(text).is_ok_and(|text| text.chars().all(is_plain)) {
+        return serde_json::from_slice(text);
+    }
+    serde_json::from_value(shown(serde_json::from_slice(text)?))
+}
+
+fn shown(value: Value) -> Value {
+    match value {
+        Value::String(text) => Value::String(visible(&text)),
+        Value::Array(values) => values.into_iter().map(shown).collect(),
+        Value::Object(fields) => {
+            let field = |(name, value): (String, Value)| {
+                let value = if name == crate::field!(Manifest, matrix_text) {
+                    value
+                } else {
+                    shown(value)
+                };
+                (visible(&name), value)
+            };
+            Value::Object(fields.into_iter().map(field).collect())
+        }
+        plain => plain,
     }
 }
 
@@ -352,6 +390,16 @@ mod tests {
     }
 
     const SCENARIO: &str = "scenarios/x86-64-debian-12-docker/";
+
+    #[test]
+    fn what_a_reader_would_not_see_in_a_record_is_spelt_out() {
+        let read = |text: &str| from_json::<Value>(text.as_bytes()).unwrap();
+        assert_eq!(
+            read(r#"{"a\u202eb": ["\u001b[2J", "one\ntwo", "µ"], "matrix_text": "a\r\n"}"#),
+            serde_json::json!({"a\\u{202e}b": ["\\u{1b}[2J", "one\ntwo", "µ"], "matrix_text": "a\r\n"})
+        );
+        assert_eq!(read("[\"a\u{202e}\"]"), serde_json::json!(["a\\u{202e}"]));
+    }
 
     #[test]
     fn a_real_record_has_a_small_part_of_the_values_that_it_may_have() {

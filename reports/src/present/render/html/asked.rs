@@ -1,6 +1,7 @@
 //! What was asked: the command, the matrix file and what of its settings is not as it is by default.
 
 use maud::{Markup, html};
+use record::escaping::visible;
 
 use crate::{
     analysis::report::Report,
@@ -56,28 +57,5 @@ fn of_part(part: &RunPart) -> Markup {
                 pre tabindex="0" { (visible(&start)) @if start.len() < matrix_text.len() { "\n… cut here" } }
             }
         }
-    }
-}
-
-/// A text that may come from anyone: without what a terminal would obey, nobody sees, or turns the direction of writing.
-fn visible(text: &str) -> String {
-    let is_hidden = |letter: char| {
-        (letter.is_control() && !matches!(letter, '\n' | '\t'))
-            || matches!(letter, '\u{200b}'..='\u{200f}' | '\u{202a}'..='\u{202e}' | '\u{2060}'..='\u{2069}' | '\u{feff}')
-    };
-    let shown = |letter: char| if is_hidden(letter) { '\u{fffd}' } else { letter };
-    text.chars().map(shown).collect()
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn what_nobody_sees_in_a_matrix_file_is_seen() {
-        assert_eq!(
-            visible("a:\n\t1\u{1b}[2J\u{202e}x"),
-            "a:\n\t1\u{fffd}[2J\u{fffd}x"
-        );
     }
 }
