@@ -111,7 +111,9 @@ fn status_calls_no_program_that_a_run_directory_names() {
     let asked = workplace.run(&["status", run, "--hosts"]);
     assert_eq!(asked.code, Some(2), "{asked:?}");
     assert!(
-        asked.err.contains("not among the runs that were begun here"),
+        asked
+            .err
+            .contains("the list of runs that were begun here does not have it"),
         "{asked:?}"
     );
     assert_eq!(workplace.run(&["status", run]).code, Some(0));

@@ -218,7 +218,7 @@ impl WindowRecord {
     /// Why it is invalid, if it is: all its reasons in one line.
     #[must_use]
     pub fn invalid_for(&self) -> Option<String> {
-        (self.verdict == Verdict::Invalid).then(|| self.reasons.join("; "))
+        (self.verdict == Verdict::Invalid).then(|| self.reasons.join(" "))
     }
 
     /// The same, to be changed.

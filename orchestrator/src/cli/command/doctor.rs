@@ -12,7 +12,7 @@ use crate::{
         command::options::OutputArguments,
         terminal::{self, CommandError},
     },
-    disk_space,
+    disk_space, escaping,
     examination::{self, Examination, Probing, Standing},
     plan::Obstacle,
     provider::{Availability, Catalogue},
@@ -117,16 +117,27 @@ pub async fn execute(arguments: &DoctorArguments, catalogue: Catalogue) -> Resul
             .map(|answer| as_text(&answer.name, answer))
             .collect();
         terminal::result(&format!("{}\n{}", table(&answers, catalogue), texts.join("\n")));
+        if nothing_can_run(&answers) {
+            terminal::print_note(&format!(
+                "no scenario of the file can run: `matrix plan {}` says of each why",
+                escaping::pasted(path)
+            ));
+        }
     }
     Ok(exit(&answers, catalogue))
 }
 
 /// A script that asks before it measures learns from this that it cannot.
 fn exit(answers: &[Examination], catalogue: Catalogue) -> Exit {
-    match answers.iter().any(|answer| answer.is_lacking(catalogue)) {
+    match nothing_can_run(answers) || answers.iter().any(|answer| answer.is_lacking(catalogue)) {
         true => Exit::Infrastructure,
         false => Exit::Done,
     }
+}
+
+/// Whether no scenario of the file can run on any of its hosts.
+fn nothing_can_run(answers: &[Examination]) -> bool {
+    answers.iter().all(|answer| answer.to_come_bytes == Some(0))
 }
 
 /// All hosts at a glance.
