@@ -141,8 +141,8 @@ impl<'a> Windows<'a> {
 
     /// Finishes the windows that had ended by then.
     fn finish_before(&mut self, unix_ns: i64) {
-        let has_ended = |tally: &WindowTally| tally.ended_unix_ns() < unix_ns;
-        while self.counted.front().is_some_and(has_ended)
+        while let Some(window) = self.stretch.windows.get(self.finished.len())
+            && window.record.ended_unix_ns < unix_ns
             && let Some(tally) = self.counted.pop_front()
         {
             self.finished.push(tally.finish());

@@ -75,7 +75,6 @@ impl WindowTraffic {
 #[derive(Debug)]
 pub(super) struct WindowTally {
     window: u32,
-    ended_unix_ns: i64,
     dropped: u64,
     period_ns: i64,
     directions: [DirectionTally; 2],
@@ -106,16 +105,10 @@ impl WindowTally {
         };
         Self {
             window: record.window,
-            ended_unix_ns: record.ended_unix_ns,
             dropped: record.captures.iter().map(|capture| capture.dropped).sum(),
             period_ns: period_ns.max(1),
             directions: [direction.clone(), direction],
         }
-    }
-
-    /// When the window ended by the wall clock, which stamps captures.
-    pub const fn ended_unix_ns(&self) -> i64 {
-        self.ended_unix_ns
     }
 
     /// What happened to a packet that was sent so long after the window began.
