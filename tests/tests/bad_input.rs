@@ -216,3 +216,16 @@ fn ks_prints_the_papers_limit_case() {
     let p = test["p"].as_f64().unwrap();
     assert!((p / 0.000_556_971_061_145_461_7 - 1.0).abs() < 1e-12, "{test:#}");
 }
+
+#[test]
+fn doctor_of_a_file_of_which_nothing_can_run_says_so_and_ends_with_3() {
+    let workplace = Workplace::new();
+    workplace.write("none.yaml", "matrix: {virtualization: [native], os: [plan-9]}\n");
+    let ran = workplace.run(&["doctor", "none.yaml"]);
+    assert_eq!(ran.code, Some(3), "{ran:?}");
+    assert!(
+        ran.err
+            .contains("no scenario of the file can run: `matrix plan none.yaml`"),
+        "{ran:?}"
+    );
+}

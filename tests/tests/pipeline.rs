@@ -116,16 +116,3 @@ fn the_nightly_script_tells_on_the_first_night_what_is_not_expected() {
         assert_eq!(ran.status.code(), Some(code), "{limit}: {ran:?}");
     }
 }
-
-#[test]
-fn doctor_of_a_file_of_which_nothing_can_run_says_so_and_ends_with_3() {
-    let workplace = Workplace::new();
-    workplace.write("none.yaml", "matrix: {virtualization: [native], os: [plan-9]}\n");
-    let ran = workplace.run(&["doctor", "none.yaml"]);
-    assert_eq!(ran.code, Some(3), "{ran:?}");
-    assert!(
-        ran.err
-            .contains("no scenario of the file can run: `matrix plan none.yaml`"),
-        "{ran:?}"
-    );
-}

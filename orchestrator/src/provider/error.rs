@@ -5,6 +5,7 @@
 
 use std::{io, path::PathBuf};
 
+use super::time_limit::WindowTooLong;
 use crate::{
     failure::{Cause, file_hint},
     host::HostError,
@@ -38,6 +39,9 @@ pub enum ProviderError {
         /// What to do instead.
         hint: Option<String>,
     },
+    /// Not even one window fits into the time that an environment may take.
+    #[error(transparent)]
+    WindowTooLong(#[from] WindowTooLong),
     /// The platform does not answer at all.
     #[error("cannot reach {platform}")]
     Unreachable {
@@ -179,6 +183,7 @@ impl ProviderError {
     pub fn hint(&self) -> Option<String> {
         match self {
             Self::Unknown { known, .. } => Some(format!("write one of {}", known.join(", "))),
+            Self::WindowTooLong(_) => Some(WindowTooLong::HINT.to_owned()),
             Self::UnknownHost { .. } => Some("write it under `hosts:` in the matrix file".to_owned()),
             Self::Unsupported { hint, .. } | Self::Unreachable { hint, .. } | Self::Refused { hint, .. } => {
                 hint.clone()

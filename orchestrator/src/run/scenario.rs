@@ -39,7 +39,6 @@ use crate::{
     journal::JournalError,
     provider::{
         Ended, Environment, EnvironmentRequest, News, Provider, ProviderError, detached::AgentClient, facts,
-        time_limit::WindowTooLong,
     },
 };
 
@@ -247,15 +246,11 @@ impl Run<'_> {
             }
             let all = windows.len();
             if let Some(limit) = provider.time_limit().await? {
-                let most =
+                windows.truncate(
                     limit
                         .most_windows(&planned.settings)
-                        .map_err(|too_long| ProviderError::Unsupported {
-                            provider: format!("`{}` there", provider.name()),
-                            reason: too_long.to_string(),
-                            hint: Some(WindowTooLong::HINT.to_owned()),
-                        })?;
-                windows.truncate(most);
+                        .map_err(ProviderError::from)?,
+                );
             }
             let is_last = windows.len() == all;
             match self
