@@ -415,7 +415,12 @@ impl Explanation {
             |part| {
                 let [low, high] = part.interval_m.map(mm);
                 let (part_m, words) = (mm(part.part_m), &part.words);
-                format!("The largest part is {words}: {part_m} mm [{low}, {high}]")
+                // A part of two hundredths is no answer by itself.
+                let left = match self.unexplained_m.abs() > part.part_m.abs() {
+                    true => format!("; more than that, {} mm, is unexplained", mm(self.unexplained_m)),
+                    false => String::new(),
+                };
+                format!("The largest part is {words}: {part_m} mm [{low}, {high}]{left}")
             },
         )
     }

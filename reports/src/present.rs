@@ -7,6 +7,7 @@ pub mod figure;
 mod finding;
 pub(crate) mod forest;
 pub(crate) mod frames;
+pub(crate) mod listing;
 mod method;
 mod remarks;
 pub(crate) mod render;

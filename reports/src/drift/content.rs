@@ -366,7 +366,8 @@ mod tests {
     fn a_finding_says_which_windows_have_other_bytes() {
         let drift = history::judge(&nights(&["xyz", "xqq"]), &Settings::default());
         insta::assert_snapshot!(drift.text(), @r#"
-        Drift in night-1, against 1 earlier runs (drift: 1).
+        Drift in night-1, against 1 earlier runs (drift: 1). The state of a has other
+        bytes than before in night-1.
 
         Changed
         - a state has other bytes than before in night-1 (2 of 3 windows, the first is

@@ -218,7 +218,10 @@ fn lack(scenario: &ScenarioRun) -> MissingData {
             WindowState::Invalid { record } if record.reasons.is_empty() => {
                 Some((window.number, "no reason is recorded".to_owned()))
             }
-            WindowState::Invalid { record } => Some((window.number, record.reasons.join(" "))),
+            WindowState::Invalid { record } => Some((
+                window.number,
+                record::window::reasons_in_one_line(&record.reasons),
+            )),
             _ => None,
         })
         .map(|(number, reasons)| format!("window {number}: {reasons}"))

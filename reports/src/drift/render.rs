@@ -13,7 +13,7 @@ use std::time::Duration;
 use serde_json::json;
 
 use super::{Cause, Change, Drift, Finding, Judgement, Kind, Metric, Verdict};
-use crate::explain::Found;
+use crate::{explain::Found, present::table::p_in_words};
 
 impl Drift {
     /// The verdict in one sentence.
@@ -35,15 +35,48 @@ impl Drift {
         .map(|name| format!("{name}: {}", count(name)))
         .collect();
         format!(
-            "{} in {}, against {} earlier runs ({}).",
+            "{} in {}, against {} earlier runs ({}).{}{}",
             capitalised(verdict.name()),
             self.nights.last().map_or("no run", String::as_str),
             self.nights.len().saturating_sub(1),
             match parts.is_empty() {
                 true => "nothing was judged".to_owned(),
                 false => parts.join(", "),
-            }
+            },
+            self.first_news(),
+            self.told_before()
         )
+    }
+
+    /// The first change to be told of, and how many more there are.
+    fn first_news(&self) -> String {
+        let mut news = self.news();
+        let Some((judgement, finding)) = news.next() else {
+            return String::new();
+        };
+        let more = match news.count() {
+            0 => String::new(),
+            1 => ", and 1 more change".to_owned(),
+            many => format!(", and {many} more changes"),
+        };
+        format!(
+            " The {} of {} {} in {}{more}.",
+            judgement.metric.name(),
+            judgement.scenario,
+            finding.change_in_words(&judgement.metric),
+            finding.since
+        )
+    }
+
+    /// What was told before, was withdrawn, and nobody has acknowledged.
+    fn told_before(&self) -> String {
+        let findings = self.judgements.iter().flat_map(|judgement| &judgement.findings);
+        let withdrawn = findings.filter(|it| it.withdrawn.is_some() && it.acknowledged.is_none());
+        match withdrawn.count() {
+            0 => String::new(),
+            1 => " 1 change that was told before is withdrawn.".to_owned(),
+            many => format!(" {many} changes that were told before are withdrawn."),
+        }
     }
 
     /// The entry of `drift.yaml` that would acknowledge a change for some months, but for who says so and why.
@@ -101,31 +134,40 @@ impl Judgement {
 }
 
 impl Finding {
-    /// What changed, in a sentence.
-    fn in_words(&self, metric: &Metric) -> String {
-        let cause = self.cause.in_words();
+    /// What changed, as what the metric of the scenario did.
+    fn change_in_words(&self, metric: &Metric) -> String {
         let level = match &self.change {
             Change::Level(level) => level,
-            Change::Content(change) => {
-                return format!(
-                    "has other bytes than before in {} ({} of {} windows, the first is {}); {cause}",
-                    self.since, change.changed, change.compared, change.first_window
-                );
-            }
+            Change::Content(_) => return "has other bytes than before".to_owned(),
         };
         let (from, to) = (metric.text(level.before), metric.text(level.since));
         let percent = match level.before {
             0.0 => String::new(),
             before => format!(" ({:+.1} %)", (level.since - before) / before.abs() * 100.0),
         };
-        let report = match &self.report {
-            None => String::new(),
-            Some(report) => format!(". Its report: {}", report.display()),
-        };
-        let change = match self.kind {
+        match self.kind {
             Kind::Jump => format!("jumped from {from} to {to}{percent}"),
             Kind::Slope => format!("went little by little from {from} to {to}{percent}"),
             Kind::FromBaseline => format!("is {to}, and was {from} in the baseline{percent}"),
+        }
+    }
+
+    /// What changed, in a sentence.
+    fn in_words(&self, metric: &Metric) -> String {
+        let cause = self.cause.in_words();
+        let change = self.change_in_words(metric);
+        let level = match &self.change {
+            Change::Level(level) => level,
+            Change::Content(content) => {
+                return format!(
+                    "{change} in {} ({} of {} windows, the first is {}); {cause}",
+                    self.since, content.changed, content.compared, content.first_window
+                );
+            }
+        };
+        let report = match &self.report {
+            None => String::new(),
+            Some(report) => format!(". Its report: {}", report.display()),
         };
         let explained = match &self.explained {
             None => String::new(),
@@ -133,8 +175,9 @@ impl Finding {
             Some(Found::Reason(reason)) => format!(". What it comes from cannot be said: {reason}"),
         };
         format!(
-            "{change} in {} (p = {:.2e}); {cause}{explained}{report}",
-            self.since, level.p
+            "{change} in {} ({}); {cause}{explained}{report}",
+            self.since,
+            p_in_words(level.p)
         )
     }
 

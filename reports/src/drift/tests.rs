@@ -406,6 +406,27 @@ fn what_is_acknowledged_is_not_told_again_until_it_expires() {
 }
 
 #[rstest]
+fn a_single_night_that_is_known_leaves_the_way_back_from_it_untold(
+    #[values(Baseline::Keep, Baseline::Reset)] baseline: Baseline,
+) {
+    let all = nights(40, 5, |number| USUAL_M + if number == 20 { 0.02 } else { 0.0 });
+    let known = known(baseline, "2027-01-01");
+    for newest in 20..40 {
+        let judgement = judged_with(&all[..=newest], &known);
+        assert_ne!(judgement.verdict, Verdict::Drift, "{newest}: {judgement:?}");
+        if baseline == Baseline::Keep {
+            let [finding] = &judgement.findings[..] else {
+                panic!("it stays shown: {judgement:?}")
+            };
+            assert_eq!(finding.since, "night-020");
+            assert!(finding.acknowledged.is_some());
+            let withdrawn = (newest > 20).then_some("night-021");
+            assert_eq!(finding.withdrawn.as_deref(), withdrawn, "{newest}");
+        }
+    }
+}
+
+#[rstest]
 #[case::in_its_night(20)]
 #[case::a_night_later(21)]
 #[case::two(22)]

@@ -35,6 +35,15 @@ impl Axes {
         Self { common, varying }
     }
 
+    /// As if scenarios did not differ in these.
+    pub(crate) fn without(&self, axes: &[&str]) -> Self {
+        let others = self.varying.iter().filter(|axis| !axes.contains(&axis.as_str()));
+        Self {
+            common: self.common.clone(),
+            varying: others.cloned().collect(),
+        }
+    }
+
     /// What tells a scenario from the others, such as `docker, delay 10ms`; empty where nothing does.
     pub(crate) fn name(&self, scenario: &ScenarioReport) -> String {
         let values = self.varying.iter().filter_map(|axis| {

@@ -15,12 +15,17 @@ use crate::{
     present::{
         axes::Axes,
         forest::{Shift, percent, simultaneous_confidence, unit},
+        listing::listed,
+        sweep::Sweep,
         table::p_in_words,
     },
 };
 
 /// Pairs, and scenarios, up to which each is named.
 const MOST_NAMED: usize = 6;
+
+/// Lines of sweeps that are told.
+const MOST_LINES: usize = 3;
 
 /// The verdicts in the order in which they are told.
 const ORDER: [Verdict; 7] = [
@@ -40,10 +45,13 @@ impl Report {
     pub fn findings(&self) -> Vec<String> {
         let mut sentences = self.not_as_expected();
         sentences.extend(self.agreements.iter().map(agreement));
-        match self.contrasts.pairs.is_empty() {
-            true if self.agreements.is_empty() => sentences.push(self.nothing_to_compare()),
-            true => {}
-            false => sentences.extend(self.of_pairs()),
+        let has_pairs = !self.contrasts.pairs.is_empty();
+        if has_pairs {
+            sentences.extend(self.of_pairs());
+        }
+        sentences.extend(self.of_sweeps());
+        if !has_pairs && self.agreements.is_empty() {
+            sentences.push(self.nothing_to_compare());
         }
         for other in &self.others {
             // All that is not as expected, and the first that was found.
@@ -133,6 +141,28 @@ impl Report {
         )
     }
 
+    /// What the metric does along swept settings, with means of windows and their intervals.
+    fn of_sweeps(&self) -> Vec<String> {
+        let sweeps = Sweep::all(self);
+        let mut told: Vec<String> = sweeps
+            .iter()
+            .flat_map(|sweep| sweep.told(&self.quantity.name))
+            .collect();
+        let more = told.len().saturating_sub(MOST_LINES);
+        told.truncate(MOST_LINES);
+        told.extend((!told.is_empty()).then(|| {
+            let more = match more {
+                0 => String::new(),
+                1 => ", which has 1 line more".to_owned(),
+                many => format!(", which has {many} lines more"),
+            };
+            format!(
+                "Brackets: the mean's interval of 95 % over windows, as in the figure of the sweep{more}."
+            )
+        }));
+        told
+    }
+
     fn of_pairs(&self) -> Vec<String> {
         let axes = Axes::of(&self.scenarios);
         let pairs = Shift::all(self);
@@ -167,10 +197,8 @@ impl Report {
                     self.contrasts.pairs.len(),
                     named(many)
                 );
-                if verdict != Verdict::CannotTell {
-                    text.push_str("; the largest difference: ");
-                    text.push_str(&difference);
-                }
+                text.push_str("; the largest difference: ");
+                text.push_str(&difference);
                 text.push('.');
                 text
             }
@@ -199,25 +227,33 @@ impl Report {
     fn difference(&self, axes: &Axes, pair: &Shift) -> String {
         let name = |letter: &str| self.named(axes, letter);
         let (shift, quantity) = (pair.shift.value, &self.quantity);
-        // From the first to the second, or turned round: "smaller by" has a positive number after it.
-        let (sign, size) = match shift {
-            smaller if smaller < 0.0 => (-1.0, "smaller than"),
-            larger if larger > 0.0 => (1.0, "larger than"),
-            _ => (1.0, "different from"),
+        let size = match shift {
+            smaller if smaller < 0.0 => "smaller than",
+            larger if larger > 0.0 => "larger than",
+            _ => "different from",
         };
+        // After "smaller" numbers are how much smaller; where the interval goes both ways, each end says which it is.
         let ends = |interval: Interval| {
-            let [from, to] = [interval.low * sign, interval.high * sign];
-            format!(
-                "[{}, {}]",
-                quantity.digits(from.min(to)),
-                quantity.digits(from.max(to))
-            )
+            let [low, high] = [interval.low, interval.high].map(|end| quantity.digits(end.abs()));
+            match (interval.low < 0.0, interval.high > 0.0) {
+                (true, true) => format!("[{low} smaller, {high} larger]"),
+                (true, false) => format!("[{high}, {low}]"),
+                (false, _) => format!("[{low}, {high}]"),
+            }
         };
         let all = pair.all.map(|interval| {
-            let confidence = percent(simultaneous_confidence(self));
             match self.contrasts.pairs.len() {
-                1 => format!(" {}, {confidence} interval", ends(interval)),
-                _ => format!(" {}, {confidence} interval for all pairs at once", ends(interval)),
+                1 => format!(
+                    " {}, {} interval",
+                    ends(interval),
+                    percent(simultaneous_confidence(self))
+                ),
+                // Each is wider than that, so that all of them hold with it.
+                _ => format!(
+                    " {}, interval that holds for all pairs at once with {}",
+                    ends(interval),
+                    percent(1.0 - self.settings.alpha)
+                ),
             }
         });
         let alone = pair
@@ -322,7 +358,7 @@ fn agreement(agreement: &Agreement) -> String {
     if agreement.windows.is_empty() {
         return format!("No window of {metric} counts in two scenarios: nothing can be said of it.");
     }
-    let mut groups = agreement.groups.iter().map(|group| group.scenarios.join(", "));
+    let mut groups = agreement.groups.iter().map(|group| listed(&group.scenarios));
     let first = groups.next().unwrap_or_default();
     let others: Vec<String> = groups.collect();
     match others.is_empty() {

@@ -5,6 +5,7 @@ use record::{report_settings::Method, run_directory::Revision};
 use crate::{
     analysis::{measured_experiment::MeasuredExperiment, report::Report},
     input::run::RunPart,
+    present::listing::listed,
 };
 
 impl Report {
@@ -24,7 +25,7 @@ impl Report {
         let described = kinds.iter().map(|(experiment, letters)| {
             let description = experiment.description();
             match several {
-                true => format!("{description} ({})", letters.join(", ")),
+                true => format!("{description} ({})", listed(&letters)),
                 false => description,
             }
         });
@@ -43,7 +44,7 @@ impl Report {
             let scenarios = match self.parts.len() {
                 1 => String::new(),
                 _ if part.scenarios.is_empty() => ": no scenario".to_owned(),
-                _ => format!(": {}", part.scenarios.join(", ")),
+                _ => format!(": {}", listed(&part.scenarios)),
             };
             format!(
                 "Run {} of {} by matrix {}, revision {revision}{scenarios}.",

@@ -11,7 +11,7 @@ use crate::{
         declaration,
         report::Report,
     },
-    present::{figure, forest::unit},
+    present::{figure, forest::unit, listing::listed},
     replay::{ScenarioReplay, WindowReplay},
 };
 
@@ -31,7 +31,7 @@ pub(super) fn remarks(report: &Report) -> Vec<String> {
             "SIMULATED, NOT MEASURED: {} computed. These numbers say nothing about any platform, but about a model of one.{}",
             match simulated.as_slice() {
                 [one] => format!("scenario {one} was"),
-                many => format!("scenarios {} were", many.join(", ")),
+                many => format!("scenarios {} were", listed(many)),
             },
             match report.scenarios.iter().any(|s| !s.is_simulated && s.within.is_some()) {
                 false => "",
@@ -151,7 +151,7 @@ fn dependent_values(report: &Report) -> Option<String> {
         "VALUES WITHIN WINDOWS DEPEND ON EACH OTHER in {}: of {} the {} values are worth {:.0} (lag 1 {:+.2}). The tests of two windows \
          take values for independent, and so reject windows that are alike far more often than α: the counts of Tables III to V are \
          too high. Read the verdicts, which have the {} as the unit.",
-        letters.join(", "),
+        listed(&letters),
         worst.id,
         least.n,
         least.effective,
@@ -193,7 +193,7 @@ fn unchecked_remark(report: &Report) -> Option<String> {
         .collect();
     let whose = match report.parts.len() {
         1 => "The run directory".to_owned(),
-        _ => format!("The run directory of {}", unchecked.join(", ")),
+        _ => format!("The run directory of {}", listed(&unchecked)),
     };
     (!unchecked.is_empty()).then(|| {
         format!(
@@ -251,7 +251,7 @@ fn nodes_remarks(report: &Report) -> Vec<String> {
         .map(|(host, nodes)| {
             let nodes: Vec<String> = nodes
                 .into_iter()
-                .map(|(node, ids)| format!("{node} ({})", ids.join(", ")))
+                .map(|(node, ids)| format!("{node} ({})", listed(&ids)))
                 .collect();
             format!(
                 "DIFFERENT NODES: the scenarios of host {host} ended on {}. A difference between two of different nodes may be one \

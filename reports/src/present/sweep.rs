@@ -15,6 +15,8 @@ pub(crate) struct Sweep {
     pub(crate) axis: String,
     /// What it is called at the figure's axis, with the unit.
     pub(crate) heading: String,
+    /// The unit of its values; empty if they have none.
+    unit: String,
     /// Never empty.
     pub(crate) lines: Vec<Line>,
 }
@@ -37,6 +39,8 @@ pub(crate) struct Point {
     pub(crate) mean: f64,
     /// Student's interval of that mean over the windows, which takes them for independent; none with one window.
     pub(crate) interval: Option<(f64, f64)>,
+    /// Both in words, with the unit.
+    text: String,
 }
 
 impl Sweep {
@@ -59,15 +63,7 @@ impl Sweep {
             .collect();
         let texts: Option<Vec<String>> = measured.iter().map(|(scenario, _)| scenario.axis(axis)).collect();
         let (values, unit) = in_one_unit(&texts?)?;
-        let others = Axes {
-            common: axes.common.clone(),
-            varying: axes
-                .varying
-                .iter()
-                .filter(|other| *other != axis)
-                .cloned()
-                .collect(),
-        };
+        let others = axes.without(&[axis]);
         let mut lines: Vec<Line> = Vec::new();
         for ((scenario, levels), x) in measured.iter().zip(&values) {
             let name = others.name(scenario);
@@ -94,19 +90,59 @@ impl Sweep {
         is_swept.then(|| Self {
             axis: axis.to_owned(),
             heading,
+            unit,
             lines,
         })
+    }
+
+    /// From where to where the metric goes along each line, a sentence each.
+    pub(crate) fn told(&self, metric: &str) -> Vec<String> {
+        let lines = self.lines.iter();
+        lines.filter_map(|line| self.line_told(line, metric)).collect()
+    }
+
+    fn line_told(&self, line: &Line, metric: &str) -> Option<String> {
+        let (first, last) = (line.points.first()?, line.points.last()?);
+        if first.x >= last.x {
+            return None;
+        }
+        let of = match line.name.as_str() {
+            "" => String::new(),
+            name => format!(" of {name}"),
+        };
+        let unit = match self.unit.as_str() {
+            "" => String::new(),
+            "%" => " %".to_owned(),
+            unit => format!(" {unit}"),
+        };
+        // Between the ends it may be further off than at both.
+        let between = line.points.iter().filter(|it| {
+            let beyond = |end: &Point| (it.mean - end.mean).is_sign_positive();
+            it.mean != first.mean && it.mean != last.mean && beyond(first) == beyond(last)
+        });
+        let distance = |it: &&Point| (it.mean - first.mean).abs().min((it.mean - last.mean).abs());
+        let furthest = between.max_by(|a, b| distance(a).total_cmp(&distance(b)));
+        let furthest = furthest.map_or_else(String::new, |it| {
+            format!(", and is {} at {}{unit}", it.text, it.x)
+        });
+        Some(format!(
+            "As {} goes from {} to {}{unit}, the {metric}{of} goes from {} to {}{furthest}.",
+            self.axis, first.x, last.x, first.text, last.text
+        ))
     }
 }
 
 impl Point {
     fn of(report: &Report, levels: &[f64], x: f64) -> Option<Self> {
-        let shown = |value: f64| report.quantity.shown(value);
+        let quantity = &report.quantity;
+        let mean = level(levels)?;
         let interval = mean_interval(levels);
+        let ends = interval.map(|it| format!(" [{}, {}]", quantity.digits(it.low), quantity.digits(it.high)));
         Some(Self {
             x,
-            mean: shown(level(levels)?),
-            interval: interval.map(|interval| (shown(interval.low), shown(interval.high))),
+            mean: quantity.shown(mean),
+            interval: interval.map(|it| (quantity.shown(it.low), quantity.shown(it.high))),
+            text: format!("{}{}", quantity.text(mean), ends.unwrap_or_default()),
         })
     }
 }

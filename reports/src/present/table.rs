@@ -36,7 +36,7 @@ use crate::{
         report::Report,
         scenario::{ScenarioReport, Standing},
     },
-    present::frames,
+    present::{frames, listing::listed},
 };
 
 /// A table in no particular medium.
@@ -220,7 +220,7 @@ fn named<'a>(
     let named: Vec<String> = scenarios
         .map(|scenario| format!("{} ({})", scenario.id, scenario.standing.name()))
         .collect();
-    (!named.is_empty()).then(|| format!("{what}: {}.", named.join(", ")))
+    (!named.is_empty()).then(|| format!("{what}: {}.", listed(&named)))
 }
 
 /// A note that names the scenarios of a table that have no data, and why.
@@ -230,5 +230,5 @@ fn no_data_note<'a>(scenarios: impl Iterator<Item = &'a ScenarioReport>) -> Opti
         .map(|scenario| format!("{} ({})", scenario.id, scenario.standing.name()))
         .collect();
     let without: Vec<String> = without.into_iter().collect();
-    (!without.is_empty()).then(|| format!("No data of {}: see the scenarios.", without.join(", ")))
+    (!without.is_empty()).then(|| format!("No data of {}: see the scenarios.", listed(&without)))
 }

@@ -118,10 +118,44 @@ impl Change {
 /// Watches a series, from its first night on.
 #[must_use]
 pub fn watch(nights: &[Night]) -> Watched {
-    let mut watched = watched(nights);
-    let slopes = known_slopes(nights);
-    join_known_slopes(&mut watched.changes, &slopes, nights);
+    let mut nights = nights.to_vec();
+    let alone = take_known_alone(&mut nights);
+    let mut watched = watched(&nights);
+    for change in watched.changes.iter_mut().filter(|it| it.withdrawn.is_some()) {
+        change.known.extend(alone.iter().filter(|at| **at == change.at));
+    }
+    let slopes = known_slopes(&nights);
+    join_known_slopes(&mut watched.changes, &slopes, &nights);
     watched
+}
+
+/// The known changes that were one night alone: none begins a level of its own, and the way back from it would be told as the next
+/// change. They are no longer known changes of the nights. A watch that does not know of such a night withdraws it, and one that knows
+/// tells of the way back, both in the next few nights.
+fn take_known_alone(nights: &mut [Night]) -> Vec<usize> {
+    let mut alone = Vec::new();
+    for at in 0..nights.len() {
+        if !nights.get(at).is_some_and(|it| it.is_known_change) {
+            continue;
+        }
+        let soon = nights.get(..nights.len().min(at + 1 + CONFIRMED));
+        let mut unaware = soon.unwrap_or_default().to_vec();
+        let tells_of_the_way_back = |change: &Change| change.at > at && change.known.is_empty();
+        if !watched(&unaware).changes.iter().any(tells_of_the_way_back) {
+            continue;
+        }
+        if let Some(night) = unaware.get_mut(at) {
+            night.is_known_change = false;
+        }
+        let is_withdrawn = |change: &Change| change.at == at && change.withdrawn.is_some();
+        if watched(&unaware).changes.iter().any(is_withdrawn) {
+            alone.push(at);
+            if let Some(night) = nights.get_mut(at) {
+                night.is_known_change = false;
+            }
+        }
+    }
+    alone
 }
 
 fn watched(nights: &[Night]) -> Watched {
@@ -172,21 +206,28 @@ impl State {
             self.known(newest);
         }
         let value = night.value - self.weekly.effect(night.weekday);
-        let by_itself = match self.open {
-            Some(_) => None,
-            None => self
-                .by_itself(value)
-                .filter(|p| *p < night.level * by_itself(newest + 1)),
-        };
+        let by_itself = self
+            .by_itself(value)
+            .filter(|p| *p < night.level * by_itself(newest + 1))
+            .map(|p| Change::new(newest, newest, p));
+        let was_open = self.open.is_some();
         self.values.push(value);
         self.weekdays.push(night.weekday);
         self.chart.push(value);
-        if let Some(p) = by_itself {
-            self.open = Some(Change::new(newest, newest, p));
+        if !was_open {
+            self.open.clone_from(&by_itself);
         }
         match self.chart.alarm(night.level) {
             Some(reading) => self.changed(reading, newest),
             None => self.settle_open(newest),
+        }
+        // The night that shows another to have been alone may itself be far off, on the other side.
+        let withdraws = self
+            .changes
+            .last()
+            .is_some_and(|last| last.withdrawn == Some(newest));
+        if was_open && withdraws && self.open.is_none() {
+            self.open = by_itself;
         }
         if self.open.is_none() && self.values.len().is_multiple_of(WEEKS) {
             self.learn_weekdays();

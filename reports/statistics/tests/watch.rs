@@ -280,3 +280,17 @@ fn one_night_far_off_is_withdrawn_in_the_next() {
         "{withdrawn:?}"
     );
 }
+
+#[test]
+fn a_night_that_shows_another_to_have_been_alone_is_judged_by_itself_too() {
+    let mut nights = observed(&Nights::Normal.values(40, 3), LEVEL, 3);
+    nights[35].value += 12.0;
+    nights[36].value -= 60.0;
+    let told = watch(&nights[..=36]).changes;
+    let [up, down] = &told[..] else { panic!("{told:?}") };
+    assert_eq!((up.at, up.withdrawn), (35, Some(36)));
+    assert_eq!((down.at, down.told, down.withdrawn), (36, 36, None));
+    // It was alone as well.
+    let later = watch(&nights).changes;
+    assert!(later.iter().all(|change| change.withdrawn.is_some()), "{later:?}");
+}

@@ -147,6 +147,25 @@ fn scenarios_of_a_sweep_are_no_pairs_and_it_is_said_what_to_do_about_it() {
 }
 
 #[test]
+fn a_sweep_by_itself_says_from_where_to_where_the_metric_goes() {
+    let higher = ALIKE.map(|mean_m| mean_m + 0.05);
+    let synthetic = Synthetic::new(&[
+        Scenario::measured("x86-debian-native", &ALIKE),
+        Scenario::measured("x86-debian-docker", &higher),
+        Scenario::measured("x86-debian-libvirt", &FAR),
+    ]);
+    let mut run = reports::load(synthetic.directory.path()).unwrap();
+    for (delay, scenario) in ["10ms", "12ms", "15ms"].iter().zip(&mut run.scenarios) {
+        let planned = &mut scenario.planned;
+        planned.settings.network.delay = delay.parse().unwrap();
+        planned.axes.insert("virtualization".to_owned(), "native".into());
+        planned.axes.insert("network.delay".to_owned(), (*delay).into());
+    }
+    let report = analyse(&run, Traffic::default(), &run.manifest.report);
+    insta::assert_snapshot!(screen(&report));
+}
+
+#[test]
 fn without_a_scenario_that_was_measured_nothing_is_said_of_a_difference() {
     let synthetic = Synthetic::new(&[Scenario::ended("x86-debian-native", Outcome::Errored, "no box")]);
     insta::assert_snapshot!(screen(&report(&synthetic)));

@@ -205,6 +205,22 @@ impl CommandRecord {
     }
 }
 
+/// A window's reasons as one line. Those of the loops are sentences with a full stop, those of a command are
+/// phrases without one; both can stand together.
+#[must_use]
+pub fn reasons_in_one_line(reasons: &[String]) -> String {
+    let mut line = String::new();
+    for reason in reasons {
+        line.push_str(match line.chars().next_back() {
+            None => "",
+            Some('.' | '!' | '?') => " ",
+            Some(_) => "; ",
+        });
+        line.push_str(reason);
+    }
+    line
+}
+
 impl WindowRecord {
     /// What the loops did; none of a command.
     #[must_use]
@@ -218,7 +234,7 @@ impl WindowRecord {
     /// Why it is invalid, if it is: all its reasons in one line.
     #[must_use]
     pub fn invalid_for(&self) -> Option<String> {
-        (self.verdict == Verdict::Invalid).then(|| self.reasons.join(" "))
+        (self.verdict == Verdict::Invalid).then(|| reasons_in_one_line(&self.reasons))
     }
 
     /// The same, to be changed.
@@ -527,5 +543,21 @@ impl FileRecord {
             },
             None => self.clone(),
         }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use rstest::rstest;
+
+    #[rstest]
+    #[case::none(&[], "")]
+    #[case::sentences(&["12 steps late.", "Too few."], "12 steps late. Too few.")]
+    #[case::phrases(&["no `a.csv`", "no `b.txt`"], "no `a.csv`; no `b.txt`")]
+    #[case::both(&["exit code 3", "Time went back.", "no `b.txt`"], "exit code 3; Time went back. no `b.txt`")]
+    #[case::an_empty_one(&["", "no `b.txt`"], "no `b.txt`")]
+    fn the_reasons_of_a_window_can_be_told_apart_in_one_line(#[case] reasons: &[&str], #[case] line: &str) {
+        let reasons: Vec<String> = reasons.iter().map(|&it| it.to_owned()).collect();
+        assert_eq!(super::reasons_in_one_line(&reasons), line);
     }
 }

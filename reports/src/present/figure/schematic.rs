@@ -10,7 +10,10 @@ use plotters::{
 };
 
 use super::canvas::{Area, DASH_PT, DrawingError, LETTERS_PT, SMALL_PT, anchored, line, pt};
-use crate::input::run::{Run, ScenarioRun};
+use crate::{
+    input::run::{Run, ScenarioRun},
+    present::listing::listed,
+};
 
 /// A place on the drawing, from the upper left corner.
 pub(super) type At = (f64, f64);
@@ -143,17 +146,12 @@ pub(super) fn of_the_ball(run: &Run) -> impl Iterator<Item = &ScenarioRun> {
 
 /// The letters of scenarios, in a sentence.
 pub(super) fn letters_of(group: &[&ScenarioRun]) -> String {
-    const MOST: usize = 12;
-    let mut letters: Vec<String> = group
+    let letters: Vec<&str> = group
         .iter()
-        .take(MOST)
-        .map(|scenario| scenario.planned.id.clone())
+        .map(|scenario| scenario.planned.id.as_str())
         .collect();
-    if let Some(more @ 1..) = group.len().checked_sub(MOST) {
-        letters.push(format!("and {more} more"));
-    }
     let noun = if group.len() == 1 { "Scenario" } else { "Scenarios" };
-    format!("{noun} {}", letters.join(", "))
+    format!("{noun} {}", listed(&letters))
 }
 
 #[cfg(test)]

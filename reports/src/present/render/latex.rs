@@ -84,7 +84,7 @@ pub(super) fn render(page: &Presentation<'_>) -> String {
             about.push("simulated, not measured".to_owned());
         }
         about.extend(scenario.verdicts().iter().map(|verdict| {
-            let reasons = verdict.reasons.join(" ");
+            let reasons = record::window::reasons_in_one_line(verdict.reasons);
             prose(&format!("{verdict}: {reasons}"))
         }));
         let (id, slug) = (escaped(&scenario.id), escaped(&scenario.slug));

@@ -185,7 +185,10 @@ fn scenario(scenario: &ScenarioReport) -> String {
         item(format!("to do: {hint}"));
     }
     for verdict in scenario.verdicts() {
-        item(format!("{verdict}: {}", verdict.reasons.join(" ")));
+        item(format!(
+            "{verdict}: {}",
+            record::window::reasons_in_one_line(verdict.reasons)
+        ));
     }
     for broken in &scenario.broken {
         item(format!(

@@ -9,7 +9,7 @@ use crate::{
         report::Report,
         scenario::{ScenarioReport, Standing},
     },
-    present::{Presentation, axes::Axes},
+    present::{Presentation, axes::Axes, listing::listed},
 };
 
 /// Scenarios that are shown.
@@ -177,17 +177,18 @@ fn baselines(report: &Report) -> Vec<&ScenarioReport> {
 
 /// The verdict of each pair with a baseline scenario, those with the same verdict together.
 fn against_baseline(report: &Report, scenario: &ScenarioReport) -> String {
-    if scenario.is_baseline {
+    let baselines = baselines(report);
+    // One that nothing is compared with, as each setting of a sweep by itself, is no baseline to a reader.
+    if scenario.is_baseline && baselines.iter().any(|it| it.id == scenario.id) {
         return "baseline".to_owned();
     }
-    let baselines = baselines(report);
     let verdicts = together(baselines.iter().filter_map(|baseline| {
         let pair = report.contrasts.find(&baseline.id, &scenario.id)?;
         Some((pair.verdict.name(), baseline.id.as_str()))
     }));
     let words = verdicts.iter().map(|(verdict, letters)| match baselines.len() {
         1 => (*verdict).to_owned(),
-        _ => format!("{verdict} ({})", letters.join(", ")),
+        _ => format!("{verdict} ({})", listed(letters)),
     });
     match verdicts.is_empty() {
         true => NONE.to_owned(),
@@ -223,7 +224,7 @@ fn unmeasured(report: &Report) -> Vec<String> {
     }));
     let lines = reasons.into_iter().map(|((standing, reason, hint), letters)| {
         let hint = hint.map_or_else(String::new, |hint| format!(". To do: {hint}"));
-        format!("{} {standing}: {reason}{hint}", letters.join(", "))
+        format!("{} {standing}: {reason}{hint}", listed(&letters))
     });
     lines.collect()
 }
@@ -252,7 +253,7 @@ fn not_valid(report: &Report) -> Vec<String> {
             lines.push(format!(
                 "{} {first}: {}{others}",
                 scenario.id,
-                first.reasons.join(" ")
+                record::window::reasons_in_one_line(first.reasons)
             ));
         }
     }
@@ -272,7 +273,7 @@ fn of_environments(report: &Report) -> Vec<String> {
     }));
     let lines = remarks.into_iter();
     lines
-        .map(|(remark, letters)| format!("{}: {remark}", letters.join(", ")))
+        .map(|(remark, letters)| format!("{}: {remark}", listed(&letters)))
         .collect()
 }
 

@@ -1,9 +1,12 @@
 //! Which scenarios have the same, byte for byte, in a metric that is compared so.
 
 use super::{Table, texts};
-use crate::analysis::{
-    agreement::{Agreement, Group, Parting},
-    report::Report,
+use crate::{
+    analysis::{
+        agreement::{Agreement, Group, Parting},
+        report::Report,
+    },
+    present::listing::listed,
 };
 
 /// A table for each such metric.
@@ -36,7 +39,7 @@ fn table((number, agreement): (usize, &Agreement)) -> Table {
     if !agreement.without_data.is_empty() {
         notes.push(format!(
             "No data of {}: see the scenarios.",
-            agreement.without_data.join(", ")
+            listed(&agreement.without_data)
         ));
     }
     Table {

@@ -9,11 +9,14 @@ use captures::{
 };
 
 use super::{MOST_ROWS, NO_DATA, Table, first_of, no_data_note, texts};
-use crate::analysis::{
-    packet_counts::TrafficTally,
-    packet_explanations::{Explanation, Factor},
-    pairs::OfPair as _,
-    report::Report,
+use crate::{
+    analysis::{
+        packet_counts::TrafficTally,
+        packet_explanations::{Explanation, Factor},
+        pairs::OfPair as _,
+        report::Report,
+    },
+    present::listing::listed,
 };
 
 /// How many factors are named for each pair.
@@ -85,7 +88,7 @@ fn behind_the_delay(report: &Report) -> Option<String> {
         format!(
             "The kernel delays packets before they are captured where they are sent: of {} the delays and losses are those \
              of the second half of the way, and are not to be held against those of other scenarios.",
-            partial.join(", ")
+            listed(&partial)
         )
     })
 }

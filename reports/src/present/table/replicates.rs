@@ -6,10 +6,13 @@ use statistics::{
 };
 
 use super::{Table, contrasts::p, texts};
-use crate::analysis::{
-    quantity::Quantity,
-    replicates::{Advice, EnvironmentContrast, Replicates, ScenarioVariance},
-    report::Report,
+use crate::{
+    analysis::{
+        quantity::Quantity,
+        replicates::{Advice, EnvironmentContrast, Replicates, ScenarioVariance},
+        report::Report,
+    },
+    present::listing::listed,
 };
 
 /// The tables; none where each scenario has one environment.
@@ -88,7 +91,7 @@ fn environments(report: &Report, replicates: &Replicates) -> Option<Table> {
             .collect();
         notes.push(format!(
             "No round in common with windows that count: {}.",
-            named.join(", ")
+            listed(&named)
         ));
     }
     (!rows.is_empty()).then(|| Table {
