@@ -20,9 +20,9 @@ use crate::{
     plan::{self, HostFacts, Selection, order::Order},
     preparation::PreparationError,
     provider::{
-        Availability, Catalogue, ProviderError, ProviderSettings, Providers,
+        Availability, Catalogue, ProviderError, ProviderKind, ProviderSettings, Providers,
         detached::{AgentClient, ClockReading},
-        jobs::{JobWorkload, Jobs, ProbedNode},
+        jobs::{ENGINE, JobWorkload, Jobs, ProbedNode},
     },
     state_directory::StateDirectory,
     survey,
@@ -138,10 +138,8 @@ async fn checks(
             facts.kernel = node.platform.kernel;
             Ok(checks)
         }
-        (Some(_), Probing::SubmitsNothing) => Err(ProviderError::Unsupported {
-            provider: format!("host `{}`", host.name()),
-            reason: "what its nodes have is known in a job".to_owned(),
-            hint: Some("`matrix doctor FILE --probe` submits one of a minute".to_owned()),
+        (Some(_), Probing::SubmitsNothing) => Err(ProviderError::KnownInAJob {
+            host: host.name().to_owned(),
         }),
     }
 }
@@ -175,6 +173,9 @@ async fn ask(host: &Arc<dyn Host>, providers: &Providers, probing: Probing) -> E
             .map(|name| (name.to_owned(), Need::each().into_iter().collect()))
             .collect();
         facts.providers = survey::ask(&name, everything, providers).await;
+        if let Ok(checks) = &checks {
+            take_containers_of_no_engine(&mut facts, checks, providers.catalogue());
+        }
     }
     Examination {
         name,
@@ -182,6 +183,27 @@ async fn ask(host: &Arc<dyn Host>, providers: &Providers, probing: Probing) -> E
         checks,
         standing: Standing::of(host).await,
         to_come_bytes: None,
+    }
+}
+
+/// A plan takes it that the nodes of a cluster have an engine, since only a job knows. One that looked and saw none knows better.
+fn take_containers_of_no_engine(facts: &mut HostFacts, checks: &[Check], catalogue: Catalogue) {
+    let Some(missing) = checks.iter().find(|it| it.name == ENGINE && !it.available) else {
+        return;
+    };
+    let settings = ProviderSettings::default();
+    let runs_containers = |kind: &&ProviderKind| {
+        let workload = kind.as_job.map(|workload| workload(&settings));
+        matches!(workload, Some(JobWorkload::Container(_)))
+    };
+    for kind in catalogue.kinds().filter(runs_containers) {
+        if let Some(provider) = facts.providers.get_mut(kind.name) {
+            provider.availability = Availability::Unavailable {
+                reason: missing.reason.clone().unwrap_or_default(),
+                fix: missing.fix.clone(),
+            };
+            provider.needs.clear();
+        }
     }
 }
 

@@ -313,4 +313,6 @@ pub struct Leftover {
     pub scenario: Option<String>,
     /// Whether a workload runs in it now.
     pub running: bool,
+    /// The number of the job that this is, if a batch system has one that has not ended.
+    pub job: Option<String>,
 }

@@ -98,7 +98,7 @@ fn whoever_watches_a_run_of_another_process_sees_it_from_its_beginning_to_its_en
     for words in [
         "window 1 complete",
         "window 4 complete",
-        "nobody works on this run any more",
+        "the run has ended, 8 of 8 windows are measured: `matrix report",
     ] {
         assert!(watched.err.contains(words), "{words}: {watched:?}");
     }

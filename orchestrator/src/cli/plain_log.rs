@@ -4,7 +4,7 @@ use std::io::Write;
 
 use record::{
     progress::Progress,
-    run_directory::{Event, JobStanding, fact},
+    run_directory::{Event, JobStanding, Standing, fact},
 };
 
 use crate::{escaping, observer::Observer};
@@ -130,16 +130,20 @@ fn words(event: &Event) -> Option<String> {
 pub fn job(standing: &JobStanding) -> String {
     let JobStanding {
         job,
+        standing,
         state,
         reason,
         node,
         start,
-        ..
     } = standing;
     let reason = reason.as_ref().map(|reason| format!(" ({reason})"));
-    let node = node.as_ref().map(|node| format!(" on {node}"));
+    let node = node.as_ref().map(|node| match standing.is_alive() {
+        true => format!(" on {node}"),
+        false => format!(", it ran on {node}"),
+    });
     // Of a job that runs the node says more.
-    let start = start.as_ref().filter(|_| node.is_none());
+    let is_to_come = matches!(standing, Standing::Waits | Standing::WaitsForEver);
+    let start = start.as_ref().filter(|_| is_to_come && node.is_none());
     let start = start.map(|start| format!(", expected to start at {start} of the cluster's clock"));
     format!(
         "job {job} is {state}{}{}{}",

@@ -39,6 +39,16 @@ pub enum HostError {
         /// The cause.
         source: Cause,
     },
+    /// There is no workload that it could run.
+    #[error("host `{host}` cannot run the workload")]
+    NoWorkload {
+        /// The host's name in the matrix file.
+        host: String,
+        /// What would make it possible.
+        hint: Option<String>,
+        /// The cause.
+        source: Cause,
+    },
     /// It did not get done in time.
     #[error("host `{host}` was not done with {action} after {} s", .after.as_secs())]
     TimedOut {
@@ -56,7 +66,9 @@ impl HostError {
     #[must_use]
     pub fn hint(&self) -> Option<String> {
         match self {
-            Self::Unreachable { hint, .. } | Self::Refused { hint, .. } => hint.clone(),
+            Self::Unreachable { hint, .. } | Self::Refused { hint, .. } | Self::NoWorkload { hint, .. } => {
+                hint.clone()
+            }
             Self::Disconnected { .. } => {
                 Some("what runs there may go on without us: `matrix resume` finds it".to_owned())
             }

@@ -150,11 +150,19 @@ impl Shell<'_> {
 
     /// The error of a host that gets no program.
     pub fn refused(&self, error: NotInstalled) -> HostError {
-        HostError::Refused {
-            host: self.host().to_owned(),
-            action: TAKING.to_owned(),
-            hint: error.hint(),
-            source: Cause::from(error),
+        let (host, hint) = (self.host().to_owned(), error.hint());
+        match error {
+            NotInstalled::Machine(_) | NotInstalled::Workload(_) => HostError::NoWorkload {
+                host,
+                hint,
+                source: Cause::from(error),
+            },
+            NotInstalled::Answer(_) | NotInstalled::Said(_) => HostError::Refused {
+                host,
+                action: TAKING.to_owned(),
+                hint,
+                source: Cause::from(error),
+            },
         }
     }
 }

@@ -239,6 +239,7 @@ impl<'a> Expansion<'a> {
     }
 
     fn exclude(&mut self) {
+        let known = self.known_values();
         for exclude in &self.file.matrix.excludes {
             let reason = exclude.reason.as_deref().unwrap_or(NO_REASON);
             let mut matched = false;
@@ -253,16 +254,29 @@ impl<'a> Expansion<'a> {
                 }
             }
             if !matched && !self.drafts.is_empty() {
-                self.matches_nothing(exclude);
+                self.matches_nothing(exclude, &known);
             }
         }
     }
 
+    /// Of each axis the values that the combinations have, each once: ten thousand excludes ask for them.
+    fn known_values(&self) -> HashMap<String, Vec<String>> {
+        let mut seen = HashSet::new();
+        let mut known: HashMap<String, Vec<String>> = HashMap::new();
+        for (axis, value) in self.drafts.iter().flat_map(|draft| &draft.original) {
+            if seen.insert((axis, &value.text)) {
+                known.entry(axis.clone()).or_default().push(value.text.clone());
+            }
+        }
+        known
+    }
+
     /// A near miss is a misspelling, and would measure what was not to be measured: an error. Anything else may be left
     /// from a longer list of values, or stand for a profile: a warning.
-    fn matches_nothing(&mut self, exclude: &Exclude) {
+    fn matches_nothing(&mut self, exclude: &Exclude, known: &HashMap<String, Vec<String>>) {
         let source = &self.file.source;
         let usual = [HARDWARE, OS, NODE, VIRTUALIZATION];
+        let values_of = |axis: &str| known.get(axis).map_or(&[] as &[String], Vec::as_slice);
         // Which nodes there are is not known yet.
         if self.file.hosts.iter().any(Host::is_each_node)
             && exclude.conditions.iter().any(|it| it.axis.value == NODE)
@@ -285,16 +299,13 @@ impl<'a> Expansion<'a> {
                 );
                 return;
             }
-            let values = self
-                .drafts
-                .iter()
-                .filter_map(|draft| value_of(&draft.original, axis));
-            let values: Vec<_> = values.map(|value| value.text.as_str()).collect();
-            let absent = wanted
-                .plain()
-                .filter(|value| !values.contains(&value.text.as_str()));
+            let values = values_of(axis);
+            let absent = wanted.plain().filter(|value| !values.contains(&value.text));
             let misspelt = absent
-                .filter_map(|value| Some((value, did_you_mean(&value.text, values.iter().copied())?)))
+                .filter_map(|value| {
+                    let meant = did_you_mean(&value.text, values.iter().map(String::as_str))?;
+                    Some((value, meant))
+                })
                 .next();
             if let Some((value, meant)) = misspelt {
                 self.found.push(
@@ -310,14 +321,9 @@ impl<'a> Expansion<'a> {
                 return;
             }
         }
-        let known: HashSet<_> = self
-            .drafts
-            .iter()
-            .flat_map(|draft| draft.original.iter().map(|(axis, value)| (axis, &value.text)))
-            .collect();
         let is_absent = |wanted: &&Condition| {
-            let mut values = known.iter().filter(|(axis, _)| **axis == wanted.axis.value);
-            !values.any(|(_, value)| wanted.fits(value))
+            let mut values = values_of(&wanted.axis.value).iter();
+            !values.any(|value| wanted.fits(value))
         };
         let absent = exclude.conditions.iter().find(is_absent);
         let help = absent.map_or_else(

@@ -37,9 +37,11 @@ impl Candidate {
 
     fn has_pair(&self, pattern: &str) -> bool {
         pattern.split_once('=').is_some_and(|(axis, value)| {
-            let value = WildMatch::new(value.trim());
+            let (axis, value) = (axis.trim(), WildMatch::new(value.trim()));
+            // Reports call `network.loss` by its last part.
+            let is_called = |name: &str| name == axis || name.rsplit('.').next() == Some(axis);
             let mut axes = self.axes.iter();
-            axes.any(|(name, text)| name == axis.trim() && value.matches(text))
+            axes.any(|(name, text)| is_called(name) && value.matches(text))
         })
     }
 

@@ -129,6 +129,7 @@ impl Docker {
             run_directory: labels.run_directory(),
             scenario: labels.scenario(),
             running,
+            job: None,
         }
     }
 

@@ -151,6 +151,7 @@ impl EnvironmentDirectory {
             run_directory,
             scenario,
             running,
+            job: None,
         }
     }
 

@@ -5,6 +5,8 @@
 
 use std::{io, path::PathBuf};
 
+use record::causes::with_causes;
+
 use super::time_limit::WindowTooLong;
 use crate::{
     failure::{Cause, file_hint},
@@ -38,6 +40,12 @@ pub enum ProviderError {
         reason: String,
         /// What to do instead.
         hint: Option<String>,
+    },
+    /// A node of a cluster is asked by a job, and none was to be submitted.
+    #[error("host `{host}`: what its nodes have is known in a job")]
+    KnownInAJob {
+        /// The host's name in the matrix file.
+        host: String,
     },
     /// Not even one window fits into the time that an environment may take.
     #[error(transparent)]
@@ -146,6 +154,11 @@ impl From<HostError> for ProviderError {
                 source,
             },
             HostError::TimedOut { action, after, .. } => Self::TimedOut { action, after },
+            HostError::NoWorkload { host, hint, source } => Self::Unsupported {
+                provider: platform(host),
+                reason: with_causes(source.as_ref()),
+                hint,
+            },
         }
     }
 }
@@ -183,6 +196,9 @@ impl ProviderError {
     pub fn hint(&self) -> Option<String> {
         match self {
             Self::Unknown { known, .. } => Some(format!("write one of {}", known.join(", "))),
+            Self::KnownInAJob { .. } => {
+                Some("`matrix doctor FILE --probe` submits one of a minute".to_owned())
+            }
             Self::WindowTooLong(_) => Some(WindowTooLong::HINT.to_owned()),
             Self::UnknownHost { .. } => Some("write it under `hosts:` in the matrix file".to_owned()),
             Self::Unsupported { hint, .. } | Self::Unreachable { hint, .. } | Self::Refused { hint, .. } => {

@@ -38,7 +38,7 @@ use tokio::{
 };
 
 use self::environment::JobEnvironment;
-pub use self::probe::ProbedNode;
+pub use self::probe::{ENGINE, ProbedNode};
 use super::{
     Availability, Environment, EnvironmentRequest, Leftover, Provider, ProviderError, ShellRequest, backoff,
     detached::{AgentClient, DIRECTORY},
@@ -551,7 +551,7 @@ impl Provider for Jobs {
         let forgotten = looked.job.map(|job| JobStanding {
             job: job.job,
             standing: Standing::Ended,
-            state: "forgotten by the batch system".to_owned(),
+            state: "not in the queue any more".to_owned(),
             reason: None,
             node: Some(job.node),
             start: None,
@@ -586,7 +586,10 @@ impl Provider for Jobs {
 
     async fn leftovers(&self) -> Result<Vec<Leftover>, ProviderError> {
         let jobs = self.cluster.queue.now().await?;
-        let is_alive = |name: &str| jobs.iter().any(|job| job.name == name && job.standing.is_alive());
+        let alive = |name: &str| {
+            jobs.iter()
+                .find(|job| job.name == name && job.standing.is_alive())
+        };
         let listed = self.listed().await?;
         // By the host's own name, so that what two hosts of a cluster list is one.
         let host = |it: &ListedEnvironment| {
@@ -598,7 +601,8 @@ impl Provider for Jobs {
             run: it.owner.as_ref().map(|owner| owner.run.clone()),
             run_directory: it.owner.as_ref().map(|owner| owner.run_directory.clone()),
             scenario: it.owner.as_ref().map(|owner| owner.scenario.clone()),
-            running: is_alive(&it.environment),
+            running: alive(&it.environment).is_some(),
+            job: alive(&it.environment).map(|job| job.id.clone()),
         });
         // A job whose folder is gone is ours by its name and its comment.
         let is_listed = |name: &str| listed.iter().any(|it| it.environment == name);
@@ -613,6 +617,7 @@ impl Provider for Jobs {
                 run_directory: None,
                 scenario: Some(owner.scenario.clone()),
                 running: true,
+                job: Some(job.id.clone()),
             })
         });
         Ok(folders.chain(without).collect())

@@ -234,6 +234,7 @@ impl Provider for Vagrant {
                 run_directory: Some(owner.run_directory),
                 scenario: Some(owner.scenario),
                 running,
+                job: None,
             });
         }
         Ok(leftovers)

@@ -249,6 +249,7 @@ async fn what_others_have_on_the_engine_is_neither_listed_nor_removed() {
             run_directory: None,
             scenario: None,
             running: false,
+            job: None,
         };
         provider.remove(&leftover).await.unwrap();
     }

@@ -67,6 +67,8 @@ struct LeftoverRecord<'a> {
     scenario: Option<&'a str>,
     /// Whether a workload runs in it now.
     running: bool,
+    /// The number of its job in the batch system, which is cancelled with it; null where there is none, or it has ended.
+    job: Option<&'a str>,
     /// `in use`, `left behind` (it was only listed), `removed` or `could not be removed`.
     fate: &'static str,
     /// Why it could not be removed; null otherwise.
@@ -229,6 +231,7 @@ fn document<'a>(found: &'a [Found], silent: &'a [Silent]) -> CleanDocument<'a> {
         run_directory: found.leftover.run_directory.as_deref(),
         scenario: found.leftover.scenario.as_deref(),
         running: found.leftover.running,
+        job: found.leftover.job.as_deref(),
         fate: found.fate.word(),
         reason: found.fate.refusal().map(|error| with_causes(error)),
     });
@@ -346,7 +349,12 @@ fn line(asked: &Asked, leftover: &Leftover, fate: &Fate) -> String {
         .as_deref()
         .map(|run| format!(" of run {run}"))
         .unwrap_or_default();
-    let running = if leftover.running { ", still running" } else { "" };
+    let running = match (&leftover.job, fate) {
+        (Some(job), Fate::Removed) => format!(", whose job {job} was cancelled"),
+        (Some(job), _) => format!(", with job {job} in the queue"),
+        (None, _) if leftover.running => ", still running".to_owned(),
+        (None, _) => String::new(),
+    };
     let place = match asked.host.is_this_machine() {
         true => String::new(),
         false => format!(" on {}", asked.host.name()),

@@ -15,7 +15,7 @@ use crate::{
     disk_space, escaping,
     examination::{self, Examination, Probing, Standing},
     plan::Obstacle,
-    provider::{Availability, Catalogue},
+    provider::{Availability, Catalogue, ProviderError},
 };
 
 /// What it takes.
@@ -191,10 +191,14 @@ fn row(answer: &Examination, catalogue: Catalogue) -> Vec<String> {
             need.to_string() == "network.backend: kernel" && matches!(answer, Availability::Available { .. })
         })
     });
-    let has_namespaces = answer.checks.as_ref().is_ok_and(|checks| {
-        let mut networks = checks.iter().filter(|check| check.name == "network");
-        networks.any(|check| check.available)
-    });
+    let namespaces = match &answer.checks {
+        Ok(checks) => {
+            let mut networks = checks.iter().filter(|check| check.name == "network");
+            yes_or_no(networks.any(|check| check.available))
+        }
+        Err(ProviderError::KnownInAJob { .. }) => "?".to_owned(),
+        Err(_) => yes_or_no(false),
+    };
     let standing = answer.standing.as_ref();
     let said = |text: Option<String>| text.unwrap_or_else(|| "?".to_owned());
     let mut row = vec![answer.name.clone(), facts.hardware.clone()];
@@ -204,7 +208,7 @@ fn row(answer: &Examination, catalogue: Catalogue) -> Vec<String> {
             true => "no".to_owned(),
             false => machines.join(" "),
         },
-        yes_or_no(has_namespaces),
+        namespaces,
         yes_or_no(has_netem),
         said(standing.map(rights)),
         said(standing.map(|it| disk_space::in_words(it.free_bytes))),
@@ -299,10 +303,14 @@ fn as_text(title: &str, answer: &Examination) -> String {
     let checks = match &answer.checks {
         Ok(checks) => checks.as_slice(),
         Err(error) => {
+            let standing = match error {
+                ProviderError::KnownInAJob { .. } => "not known yet",
+                _ => "no",
+            };
             item(
                 &mut text,
                 "the workload",
-                "no",
+                standing,
                 Some(&with_causes(error)),
                 error.hint().as_deref(),
             );

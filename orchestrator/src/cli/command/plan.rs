@@ -273,7 +273,18 @@ pub fn as_text(plan: &Plan) -> String {
             worst.p, worst.n, worst.m, attainable.alpha
         );
     }
-    for design in [&plan.environments, &plan.windows].into_iter().flatten() {
+    let mut designs = [&plan.environments, &plan.windows]
+        .into_iter()
+        .flatten()
+        .peekable();
+    let running = record.scenarios.iter().filter(|scenario| scenario.runs());
+    if designs.peek().is_none() && running.count() > 1 {
+        text.push_str(
+            "no pair of the family (`report.family`) runs the same experiment, so that none is tested; name pairs there to have \
+             them tested all the same\n",
+        );
+    }
+    for design in designs {
         text.push_str(&design.as_text());
     }
     text

@@ -34,6 +34,7 @@ use crate::{
         session::{self, Carried},
         terminal::{self, CommandError},
     },
+    escaping,
     matrix_file::{Diagnostics, ReportOption},
 };
 
@@ -223,11 +224,18 @@ pub fn execute(arguments: &ReportArguments) -> Result<Exit, CommandError> {
     match (arguments.output.json, arguments.full) {
         (true, _) => terminal::json(&page.json()),
         (_, true) => terminal::result(&page.markdown()),
-        _ => terminal::result(&format!(
-            "{}\nAll tables, figures and numbers: {}\n",
-            page.summary(),
-            run.report_folder.join("report.html")
-        )),
+        _ => {
+            let full = only.as_ref().map(|run| {
+                let run = escaping::pasted(run.path());
+                format!("The tables here: `matrix report {run} --full`\n")
+            });
+            terminal::result(&format!(
+                "{}\nAll tables, figures and numbers: {}\n{}",
+                page.summary(),
+                run.report_folder.join("report.html"),
+                full.unwrap_or_default()
+            ));
+        }
     }
     Ok(match report.has_unexpected() {
         true => Exit::NotAsExpected,

@@ -33,7 +33,7 @@ use crate::{
 #[derive(Debug, Args)]
 pub struct StatusArguments {
     /// The run directory.
-    #[arg(value_parser = run_argument(), add = completion::runs())]
+    #[arg(default_value = "latest", value_parser = run_argument(), add = completion::runs())]
     run: PathBuf,
     /// Read every file that has a checksum, captures too, and list those that are damaged.
     #[arg(long)]
@@ -305,7 +305,7 @@ pub async fn execute(arguments: &StatusArguments) -> Result<Exit, CommandError> 
             slug: &planned.slug,
             feasible: planned.feasible,
             state: word(planned, state, live),
-            reason: planned.reason.as_deref().or_else(|| reason(planned, state)),
+            reason: reason(planned, state),
             windows: planned.settings.all_windows(),
             windows_complete: state.complete().len(),
             windows_collected: state.collected.len(),
@@ -335,7 +335,7 @@ pub async fn execute(arguments: &StatusArguments) -> Result<Exit, CommandError> 
     }
     let mut text = standing.head(&recorded.manifest.run);
     for (planned, state) in rows {
-        let reason = planned.reason.as_deref().or_else(|| reason(planned, state));
+        let reason = reason(planned, state);
         let silent = state
             .silent_for_s
             .filter(|_| live)
@@ -355,6 +355,12 @@ pub async fn execute(arguments: &StatusArguments) -> Result<Exit, CommandError> 
             reason.map(|reason| format!(": {reason}")).unwrap_or_default(),
         ));
         text.push_str(&environments_as_text(&environments(planned, state, live)));
+    }
+    if !live && !arguments.hosts && rows.iter().any(|(_, state)| job(state).is_some()) {
+        text.push_str(&format!(
+            "the jobs stand here as `matrix` last saw them: `matrix status --hosts {}` asks the cluster\n",
+            escaping::pasted(&arguments.run)
+        ));
     }
     if !live && !finished {
         text.push_str(&format!(
@@ -487,8 +493,12 @@ fn word_of_round(planned: &PlannedScenario, round: &RoundState, live: bool) -> &
     }
 }
 
-/// Why a scenario did not end as it should, in the first round of which there is a reason.
-fn reason<'s>(planned: &PlannedScenario, state: &'s ScenarioState) -> Option<&'s str> {
+/// Why a scenario does not run, or did not end as it should in the first round of which there is a reason.
+fn reason<'s>(planned: &'s PlannedScenario, state: &'s ScenarioState) -> Option<&'s str> {
+    // What is left out is left out for that, whether or not it could run.
+    if let Some(why) = planned.not_selected.as_deref().or(planned.reason.as_deref()) {
+        return Some(why);
+    }
     let mut reasons = planned
         .rounds()
         .filter_map(|round| state.rounds.get(&round)?.reason.as_deref());

@@ -14,7 +14,10 @@ use record::{
 };
 use tokio::time::sleep;
 
-use super::{report::unreadable, status};
+use super::{
+    report::unreadable,
+    status::{self, RunStanding},
+};
 use crate::{
     cli::{
         completion,
@@ -23,7 +26,7 @@ use crate::{
         run_argument::run_argument,
         terminal::{self, CommandError},
     },
-    lease,
+    escaping, lease,
     observer::Observer as _,
     run::recorded::RecordedRun,
 };
@@ -51,7 +54,7 @@ enum View {
 /// When the run directory cannot be read.
 pub async fn execute(arguments: &WatchArguments) -> Result<Exit, CommandError> {
     let directory = RecordedRun::directory(&arguments.run)?;
-    let recorded = RecordedRun::read(&directory)?;
+    let mut recorded = RecordedRun::read(&directory)?;
     let mut view = match io::stderr().is_terminal() {
         true => View::Bars(ProgressBars::new(&recorded.plan, &RunState::default())),
         false => View::Lines(PlainLog::new(io::stderr())),
@@ -91,6 +94,16 @@ pub async fn execute(arguments: &WatchArguments) -> Result<Exit, CommandError> {
         sleep(LOOK).await;
     }
     drop(view);
-    terminal::print_note("nobody works on this run any more");
+    recorded.state = state;
+    let standing = RunStanding::of(&directory, &recorded);
+    let (run, windows) = (escaping::pasted(directory.path()), standing.windows());
+    let measured = format!(
+        "{} of {windows} windows are measured",
+        standing.windows_complete()
+    );
+    terminal::print_note(&match standing.finished {
+        true => format!("the run has ended, {measured}: `matrix report {run}` says what was found"),
+        false => format!("nobody works on this run any more, {measured}: `matrix resume {run}` goes on"),
+    });
     Ok(Exit::Done)
 }

@@ -156,6 +156,7 @@ impl HostProcesses {
             run_directory: None,
             scenario: None,
             running,
+            job: None,
         }
     }
 }

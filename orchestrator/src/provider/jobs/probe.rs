@@ -8,6 +8,9 @@ use serde::Deserialize as _;
 
 use crate::provider::ProviderError;
 
+/// The check whether there is an engine for the user of the job.
+pub const ENGINE: &str = "engine";
+
 /// What a node is and has, as a job on it saw it.
 #[derive(Debug, Clone, PartialEq)]
 pub struct ProbedNode {
@@ -32,10 +35,10 @@ pub(super) fn answer(printed: &str) -> Result<ProbedNode, ProviderError> {
             "ask for `chronyd` or `systemd-timesyncd` on the nodes",
         ));
         checks.push(worth_knowing(
-            "engine",
+            ENGINE,
             has_engine,
             "there is no Docker Engine that this user may use",
-            "ask whether one can be had; containers are measured on hosts that you can log in to",
+            "ask whether one can be had, or choose nodes that have one by their feature (`constraint`)",
         ));
         Ok(ProbedNode { checks, host })
     };
