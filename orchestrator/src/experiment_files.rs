@@ -4,7 +4,7 @@
 use std::{
     collections::BTreeSet,
     fmt, fs, io,
-    path::{Path, PathBuf},
+    path::{Component, Path, PathBuf},
     sync::Arc,
 };
 
@@ -37,6 +37,12 @@ pub enum ExperimentFilesError {
         /// As the matrix file has it.
         path: String,
     },
+    /// It is not below the matrix file's folder, so that there is no place for it below that of the experiment.
+    #[error("`{path}` is not below the folder of the matrix file")]
+    Outside {
+        /// As the matrix file has it.
+        path: String,
+    },
     /// A pattern is none.
     #[error("`{pattern}` is no pattern")]
     Pattern {
@@ -48,6 +54,12 @@ pub enum ExperimentFilesError {
     /// A link, whose meaning is another one elsewhere.
     #[error("{} is a link", path.display())]
     Link {
+        /// Where.
+        path: PathBuf,
+    },
+    /// A pipe, a device or a socket, of which there is nothing to take along.
+    #[error("{} is neither a file nor a folder", path.display())]
+    Special {
         /// Where.
         path: PathBuf,
     },
@@ -73,7 +85,9 @@ impl ExperimentFilesError {
     #[must_use]
     pub fn names(&self, named: &str) -> bool {
         match self {
-            Self::Missing { path } | Self::Pattern { pattern: path, .. } => path == named,
+            Self::Missing { path } | Self::Outside { path } | Self::Pattern { pattern: path, .. } => {
+                path == named
+            }
             _ => false,
         }
     }
@@ -89,6 +103,8 @@ impl ExperimentFilesError {
             Self::Link { .. } => {
                 Some("name what it leads to, or leave it out with a pattern such as `!sim/link`")
             }
+            Self::Outside { .. } => Some("copy or move it there, and name it by its path from there"),
+            Self::Special { .. } => Some("leave it out with a pattern such as `!sim/pipe`"),
             Self::Many => Some("leave some out with patterns such as `!sim/results/**`"),
             Self::Changed | Self::Read(_) => Some("begin the run anew with `matrix run`"),
             Self::List(_) | Self::Pack(_) => None,
@@ -165,6 +181,10 @@ fn list(folder: &Path, named: &[String]) -> Result<Vec<PathBuf>, ExperimentFiles
     let left_out = left_out.build()?;
     let mut found = BTreeSet::new();
     for path in named.iter().filter(|it| !it.starts_with('!')) {
+        let is_below = |part: Component<'_>| matches!(part, Component::Normal(_) | Component::CurDir);
+        if !Path::new(path).components().all(is_below) {
+            return Err(ExperimentFilesError::Outside { path: path.clone() });
+        }
         let place = folder.join(path);
         let Ok(metadata) = fs::symlink_metadata(&place) else {
             return Err(ExperimentFilesError::Missing { path: path.clone() });
@@ -183,6 +203,11 @@ fn list(folder: &Path, named: &[String]) -> Result<Vec<PathBuf>, ExperimentFiles
             let kind = entry.file_type();
             if entry.path_is_symlink() {
                 return Err(ExperimentFilesError::Link {
+                    path: entry.into_path(),
+                });
+            }
+            if kind.is_some_and(|kind| !kind.is_file() && !kind.is_dir()) {
+                return Err(ExperimentFilesError::Special {
                     path: entry.into_path(),
                 });
             }
@@ -267,6 +292,26 @@ mod tests {
                 .unwrap_err()
                 .ends_with("sim/etc is a link")
         );
+    }
+
+    #[test]
+    fn what_has_no_place_in_an_experiment_is_told_before_anything_is_read() {
+        let folder = folder();
+        for outside in ["../..", "/etc/passwd", "sim/../../other"] {
+            let told = listed(&folder, &[outside]).unwrap_err();
+            assert_eq!(
+                told,
+                format!("`{outside}` is not below the folder of the matrix file")
+            );
+        }
+        let socket = folder.path().join("sim/socket");
+        let _listening = std::os::unix::net::UnixListener::bind(socket).unwrap();
+        let told = listed(&folder, &["sim"]).unwrap_err();
+        assert!(
+            told.ends_with("sim/socket is neither a file nor a folder"),
+            "{told}"
+        );
+        assert!(listed(&folder, &["sim", "!sim/socket"]).is_ok());
     }
 
     #[test]

@@ -92,10 +92,17 @@ impl Journal {
     }
 }
 
-/// The time now, as journal and manifest write it.
+/// The time now, as the manifest writes it.
 #[must_use]
 pub fn now() -> String {
     humantime::format_rfc3339_millis(SystemTime::now()).to_string()
+}
+
+/// The time now, as the journal writes it. A native environment is made in a millisecond: in whole ones seven nights would have the same
+/// time, and nothing would be known of how much nights differ.
+#[must_use]
+pub fn stamp() -> String {
+    humantime::format_rfc3339_micros(SystemTime::now()).to_string()
 }
 
 #[cfg(test)]

@@ -67,7 +67,7 @@ impl Events {
         let entry = match is_journaled {
             true => sinks.journal.append(event)?,
             false => JournalEntry {
-                at: journal::now(),
+                at: journal::stamp(),
                 event,
             },
         };

@@ -44,6 +44,12 @@ impl Look {
         dark: false,
         scripts: true,
     };
+    /// A tablet, upright.
+    pub const TABLET: Self = Self {
+        width: 820,
+        height: 1180,
+        ..Self::PHONE
+    };
     /// A window on a desk.
     pub const DESKTOP: Self = Self {
         width: 1280,

@@ -122,6 +122,47 @@ fn a_digit_that_is_another_changes_no_report_in_silence() {
 }
 
 #[test]
+fn a_file_that_is_gone_is_found() {
+    let (_workplace, directory) = recorded();
+    let run = RunDirectory::new(&directory);
+    let aside = directory.with_extension("aside");
+    for (name, _) in files(&directory) {
+        let file = directory.join(&name);
+        fs::rename(&file, &aside).unwrap();
+        match verify(&run) {
+            Ok(found) => assert!(!found.damaged.is_empty(), "{}", name.display()),
+            Err(error) => assert!(error.to_string().contains("is missing"), "{error}"),
+        }
+        fs::rename(&aside, &file).unwrap();
+    }
+    assert_eq!(verify(&run).unwrap().damaged, []);
+}
+
+#[test]
+fn of_a_journal_that_was_cut_at_a_line_no_window_counts_that_it_does_not_have() {
+    let (workplace, directory) = recorded();
+    let journal = directory.join("events.jsonl");
+    let lines = fs::read_to_string(&journal).unwrap();
+    let first = lines.find("window-collected").unwrap();
+    let end = lines[..first].rfind('\n').unwrap() + 1;
+    fs::write(&journal, &lines[..end]).unwrap();
+
+    let counted = || {
+        let report: Value = serde_json::from_str(&report(&directory).unwrap()).unwrap();
+        let windows = report["scenarios"][0]["windows"].as_array().unwrap().clone();
+        windows.iter().filter(|window| window["counted"] == true).count()
+    };
+    assert_eq!(counted(), 0);
+    let run = RunDirectory::new(&directory);
+    assert!(!verify(&run).unwrap().damaged.is_empty());
+    // One that goes on with the run looks whether they are whole.
+    let resumed = workplace.run(&["resume", directory.to_str().unwrap()]);
+    assert_eq!(resumed.code, Some(0), "{resumed:?}");
+    assert!(counted() > 0);
+    assert_eq!(verify(&run).unwrap().damaged, []);
+}
+
+#[test]
 fn a_run_of_an_earlier_version_is_reported_and_said_not_to_be_checked() {
     let (workplace, directory) = recorded();
     let before: Value = serde_json::from_str(&report(&directory).unwrap()).unwrap();

@@ -61,7 +61,7 @@ fn a_night_shift_is_told_once_what_changed_and_never_that_nothing_did_when_nothi
         "a seed and a shift: {ran:?}"
     );
     let junit = fs::read_to_string(workplace.path().join("drift.xml")).unwrap();
-    // Of the error alone: the time that provisioning takes is the machine's, in whole milliseconds, and may jump, too.
+    // Of the error alone: the time that provisioning takes is the machine's, and may jump, too.
     let failed = junit.matches(r#"name="error"><failure message="drift">jumped from"#);
     assert_eq!(failed.count(), 1, "{junit}");
     let said = workplace.json(&["drift", "runs"]);

@@ -43,6 +43,8 @@ pub struct Queue {
     last: Arc<watch::Sender<Option<Last>>>,
     /// Held by the one who asks.
     asking: Arc<Mutex<()>>,
+    /// What was asked before is no longer so.
+    outdated: watch::Sender<Option<Instant>>,
 }
 
 #[derive(Clone)]
@@ -89,6 +91,7 @@ impl Queue {
             system,
             last: Arc::new(watch::Sender::new(None)),
             asking: Arc::default(),
+            outdated: watch::Sender::new(None),
         }
     }
 
@@ -96,6 +99,10 @@ impl Queue {
     /// before; who is in more of a hurry asks earlier, for all. Cancel-safe: the question goes on, and its answer is for who asks next.
     pub async fn after(&self, since: Instant, apart: Duration) -> Arc<Snapshot> {
         let mut last = self.last.subscribe();
+        let since = self
+            .outdated
+            .borrow()
+            .map_or(since, |outdated| since.max(outdated));
         loop {
             let due = match last.borrow_and_update().as_ref() {
                 Some(seen) if seen.snapshot.asked > since => return Arc::clone(&seen.snapshot),
@@ -122,6 +129,11 @@ impl Queue {
             // It ends before its answer only with the whole program.
             let _ = asking.await;
         }
+    }
+
+    /// A job was taken back, or has ended and its folder is gone: who asks from now on is not told that it is there.
+    pub fn outdate(&self) {
+        self.outdated.send_replace(Some(Instant::now()));
     }
 
     /// What the queue is now, for what cannot wait: whether a job is there before it is submitted once more, or after it was taken

@@ -5,7 +5,7 @@
 use std::{error::Error, fmt, sync::Arc};
 
 use annotate_snippets::{AnnotationKind, Group, Level, Renderer, Snippet};
-use record::escaping::{harmless, harmless_line};
+use record::escaping::{harmless, harmless_line, is_unseen};
 use schemars::JsonSchema;
 use serde::Serialize;
 
@@ -247,10 +247,16 @@ impl Diagnostic {
     pub fn render(&self, renderer: &Renderer) -> String {
         let labels = || std::iter::once(&self.label).chain(&self.others);
         let shown = self.source.lines_of(labels().map(|label| label.span));
+        let text = self.source.text().get(shown.range()).unwrap_or_default();
         let range = |label: &Label| {
             let span = self.source.first_line_of(label.span);
-            span.start.saturating_sub(shown.start)..span.end.saturating_sub(shown.start)
+            let place = |offset: usize| {
+                let before = text.get(..offset.saturating_sub(shown.start));
+                spelt_out(before.unwrap_or(text)).len()
+            };
+            place(span.start)..place(span.end)
         };
+        let (text, path) = (spelt_out(text), harmless_line(self.source.name()));
         let others = self.others.iter();
         let others = others.map(|other| {
             AnnotationKind::Context
@@ -258,8 +264,8 @@ impl Diagnostic {
                 .label(other.text.as_str())
         });
         // Only the lines in question: the renderer's time goes with the text it is given.
-        let snippet = Snippet::source(self.source.text().get(shown.range()).unwrap_or_default())
-            .path(self.source.name())
+        let snippet = Snippet::source(text)
+            .path(path)
             .line_start(self.source.place(shown.start).line)
             .annotation(
                 AnnotationKind::Primary
@@ -306,6 +312,16 @@ impl Diagnostic {
             others: others.collect(),
         }
     }
+}
+
+/// A text as it is, but for letters that take no room, such as a zero-width space: a misspelling by one would show as none. The renderer
+/// sees to control characters.
+fn spelt_out(text: &str) -> String {
+    let spelt_out = |character: char| match is_unseen(character) && !character.is_control() {
+        true => character.escape_unicode().to_string(),
+        false => character.to_string(),
+    };
+    text.chars().map(spelt_out).collect()
 }
 
 /// Most mistakes of one severity that are kept; nobody reads more at a time.

@@ -168,6 +168,7 @@ pub(super) fn case_name() -> String {
 #[case::a_problem_with_a_setting_that_is_left_out("matrix: {}\nworkload:\n  period: 70s\n")]
 #[case::axis_twice("matrix:\n  virtualization: [native]\n  virtualization: [docker]\n")]
 #[case::control_characters("matrix:\n  \"\\e[31mred\": [1, 2]\n")]
+#[case::letters_that_are_not_seen("matrix:\n  virtuali\u{200b}zation: [native]\n")]
 fn every_mistake_is_shown_at_its_place(#[case] text: &str) {
     let told = told(text.as_bytes(), None);
     assert!(!told.is_empty());

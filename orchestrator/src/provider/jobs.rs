@@ -626,7 +626,9 @@ impl Provider for Jobs {
     async fn remove(&self, leftover: &Leftover) -> Result<(), ProviderError> {
         let name = &leftover.resource.name;
         self.end(name).await?;
-        self.agent.remove(name).await.map(drop)
+        self.agent.remove(name).await?;
+        self.cluster.queue.outdate();
+        Ok(())
     }
 }
 

@@ -286,7 +286,7 @@ impl RecordedRun {
                     None => continue,
                 };
                 self.state.apply(&JournalEntry {
-                    at: journal::now(),
+                    at: journal::stamp(),
                     event: Event::JobChanged {
                         scenario,
                         environment,

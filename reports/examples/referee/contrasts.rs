@@ -2,10 +2,9 @@
 
 use statistics::{
     block_permutation::{self, DRAWS},
-    component,
     coverage::{DESIGNS, Design, EQUAL_MEANS, Family, Levels, margin_errors},
     dependence::Dependence,
-    ks,
+    explained_part, ks,
     noise_model::Noise,
     relabelling::Effort,
 };
@@ -35,14 +34,14 @@ const COVERED_BEFORE: [&str; 14] = [
 /// The share of equal means of [`EQUAL_MEANS`] that was rejected before, where it is known.
 const REJECTED_BEFORE: [&str; 8] = [".34", ".35", ".20", ".07", "", "", "", ""];
 
-/// What the intervals of [`component::DESIGNS`] covered before, in percent.
+/// What the intervals of [`explained_part::DESIGNS`] covered before, in percent.
 const COMPONENTS_BEFORE: [f64; 12] = [
     66.4, 90.0, 93.3, 92.5, 93.3, 92.7, 93.5, 94.0, 87.7, 86.5, 94.8, 94.4,
 ];
 
 pub(super) fn print() {
     coverage();
-    components();
+    explained_parts();
     equal_means();
     margins();
     families();
@@ -79,13 +78,13 @@ fn coverage() {
     println!();
 }
 
-fn components() {
+fn explained_parts() {
     println!(
         "Coverage of the interval of the part that goes with a quantity, % ({REPETITIONS} pairs each, 60 values a window, whose quantity \
          has standard deviation 1 there)\n\n\
          | windows | their sd | difference | slope, its sd | φ | covers (95) | before |\n|---|---|---|---|---|---|---|"
     );
-    for (design, before) in component::DESIGNS.iter().zip(COMPONENTS_BEFORE) {
+    for (design, before) in explained_part::DESIGNS.iter().zip(COMPONENTS_BEFORE) {
         let ([n, m], [a, b]) = (design.windows, design.spread);
         println!(
             "| {n} : {m} | {a}, {b} | {} | {}, {} | {} | {:.1} | {before:.1} |",

@@ -1,15 +1,15 @@
 //! Which of the packets' quantities go with a difference in tracking error. The main type is [`Explanation`].
 //!
 //! Within a window, one platform and one network, a period with longer delays may have a larger error. That slope, times the
-//! scenarios' difference in the quantity, is the part of the difference in error that goes with it: a [`Component`].
+//! scenarios' difference in the quantity, is the part of the difference in error that goes with it: a [`ExplainedPart`].
 
 use captures::{
     packets::Topic,
     traffic::{Quantity, Traffic, WindowTraffic},
 };
 use statistics::{
-    component::{Component, WindowSums},
     effect::{Interval, level},
+    explained_part::{ExplainedPart, WindowSums},
 };
 
 use crate::analysis::{contrast::Contrast, packet_counts::sampled, sample::Sample};
@@ -35,7 +35,7 @@ pub struct Factor {
     /// The quantity of the packets.
     pub quantity: Quantity,
     /// Of the shift, what goes with it: the difference in the quantity's unit, the slope in metres for one of it, the part in metres.
-    pub component: Component,
+    pub explained: ExplainedPart,
 }
 
 impl Factor {
@@ -43,7 +43,7 @@ impl Factor {
     #[must_use]
     pub fn is_told(&self) -> bool {
         let beyond = |interval: Interval| interval.low > 0.0 || interval.high < 0.0;
-        self.component.part.interval.is_some_and(beyond)
+        self.explained.part.interval.is_some_and(beyond)
     }
 }
 
@@ -67,20 +67,20 @@ pub fn explanations(pairs: &[Contrast], samples: &[Sample], traffic: &Traffic) -
                     sums.flatten().collect()
                 };
                 factors.extend(
-                    Component::of(&sums(&first), &sums(&second)).map(|component| Factor {
+                    ExplainedPart::of(&sums(&first), &sums(&second)).map(|explained| Factor {
                         topic,
                         quantity,
-                        component,
+                        explained,
                     }),
                 );
             }
         }
         factors.sort_by(|a, b| {
-            b.component
+            b.explained
                 .part
                 .value
                 .abs()
-                .total_cmp(&a.component.part.value.abs())
+                .total_cmp(&a.explained.part.value.abs())
         });
         let mean_error_m = |windows: &[(&WindowTraffic, &Sample)]| {
             mean(windows.iter().filter_map(|(_, sample)| level(&sample.values)))
@@ -152,17 +152,17 @@ mod tests {
         (traffic, sample)
     }
 
-    fn component_of(
+    fn explained_by(
         a: &[(WindowTraffic, Sample)],
         b: &[(WindowTraffic, Sample)],
         quantity: Quantity,
-    ) -> Option<Component> {
+    ) -> Option<ExplainedPart> {
         let [a, b] = [a, b].map(|windows| -> Vec<WindowSums> {
             let of =
                 |(traffic, sample): &(WindowTraffic, Sample)| sums(traffic, sample, Topic::State, quantity);
             windows.iter().filter_map(of).collect()
         });
-        Component::of(&a, &b)
+        ExplainedPart::of(&a, &b)
     }
 
     #[test]
@@ -171,7 +171,7 @@ mod tests {
         let second = [(0.030, 0, 0.016), (0.032, 0, 0.017)];
         let a = [window(1, &first), window(2, &first)];
         let b = [window(1, &second), window(2, &second)];
-        let found = component_of(&a, &b, Quantity::OneWayDelay).unwrap();
+        let found = explained_by(&a, &b, Quantity::OneWayDelay).unwrap();
         assert!((found.slope - 0.5).abs() < 1e-9, "{found:?}");
         assert!((found.difference - 0.010).abs() < 1e-9, "{found:?}");
         assert!((found.part.value - 0.005).abs() < 1e-9, "{found:?}");
@@ -180,8 +180,8 @@ mod tests {
     #[test]
     fn what_is_the_same_in_all_periods_explains_nothing() {
         let a = [window(1, &[(0.020, 1, 0.010), (0.022, 1, 0.011)])];
-        assert_eq!(component_of(&a, &a, Quantity::Lost), None);
-        assert_eq!(component_of(&a, &[], Quantity::OneWayDelay), None);
+        assert_eq!(explained_by(&a, &a, Quantity::Lost), None);
+        assert_eq!(explained_by(&a, &[], Quantity::OneWayDelay), None);
     }
 
     #[test]
@@ -200,11 +200,11 @@ mod tests {
             (1..=6).map(&mut of).collect()
         };
         let (a, b) = (windows(0.020), windows(0.030));
-        let delay = component_of(&a, &b, Quantity::OneWayDelay).unwrap();
+        let delay = explained_by(&a, &b, Quantity::OneWayDelay).unwrap();
         let interval = delay.part.interval.unwrap();
         assert!(interval.low < 0.005 && 0.005 < interval.high, "{delay:?}");
         assert!(interval.low > 0.0 && delay.correlation > 0.9, "{delay:?}");
-        let lost = component_of(&a, &b, Quantity::Lost).unwrap();
+        let lost = explained_by(&a, &b, Quantity::Lost).unwrap();
         let interval = lost.part.interval.unwrap();
         assert!(interval.low < 0.0 && 0.0 < interval.high, "{lost:?}");
         assert!(lost.correlation.abs() < 0.2, "{lost:?}");

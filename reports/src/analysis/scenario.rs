@@ -297,6 +297,9 @@ const fn words_for(missing: MissingWindow) -> &'static str {
     match missing {
         MissingWindow::NotMeasured => "it was not measured",
         MissingWindow::NotCollected => "it was measured, and has not been collected",
+        MissingWindow::Unknown => {
+            "it is there, and events.jsonl does not have it as collected: `matrix resume` collects or measures it again"
+        }
         MissingWindow::Lost => "it was collected, and is not there any more",
     }
 }

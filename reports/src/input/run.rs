@@ -215,6 +215,8 @@ pub enum MissingWindow {
     NotMeasured,
     /// The workload had completed it.
     NotCollected,
+    /// Its folder is there, and the journal does not have it as collected, by which alone it is known whether it is as it was written.
+    Unknown,
     /// It was there.
     Lost,
 }
@@ -281,7 +283,7 @@ pub fn load_by(path: &Path, error: Option<ErrorOf>) -> Result<Run, ReadError> {
     let scenarios: Vec<Result<ScenarioRun, ReadError>> = scenarios
         .into_par_iter()
         .map(|(planned, state, overheads_s)| {
-            let scenario = load_scenario(&directory, planned, state, error)?;
+            let scenario = load_scenario(&directory, planned, state, &journal, error)?;
             Ok(ScenarioRun {
                 overheads_s,
                 experiment_sha256: manifest.experiment_sha256.clone(),
@@ -306,6 +308,7 @@ fn load_scenario(
     directory: &RunDirectory,
     planned: PlannedScenario,
     journaled: ScenarioState,
+    journal: &Journal,
     error: ErrorOf,
 ) -> Result<ScenarioRun, ReadError> {
     let environment = directory.environment(&planned.slug);
@@ -329,7 +332,12 @@ fn load_scenario(
     let windows = (1..=wanted)
         .map(|number| {
             let folder = directory.window(&planned.slug, number);
+            // Whether it is as it was written is known of what the journal has. A cut journal has fewer.
+            let is_unknown = journal.is_checked() && !journaled.collected.contains_key(&number);
             let state = match folder.exists() {
+                true if is_unknown => WindowState::Missing {
+                    known: MissingWindow::Unknown,
+                },
                 true => load_window(&folder, &planned, number, journaled.window_sha256(number), error)?,
                 false => WindowState::Missing {
                     known: missing(&journaled, number),

@@ -1,14 +1,14 @@
 //! Whether a run directory is as it was written: every file that has a checksum is read, those too that no report reads. The
 //! main function is [`verify`].
 
-use std::path::PathBuf;
+use std::{collections::BTreeSet, path::PathBuf};
 
 use rayon::prelude::*;
 use record::{
     causes::with_causes,
     layout,
     run_directory::{
-        Kind, Manifest, NotWhole, Place, ReadError, RunDirectory, RunRecords, ScenarioState,
+        Journal, Kind, Manifest, NotWhole, Place, ReadError, RunDirectory, RunRecords, ScenarioState,
         ensure_file_is_whole, read_environment, read_window,
     },
 };
@@ -49,18 +49,15 @@ pub fn verify(directory: &RunDirectory) -> Result<Verification, ReadError> {
     for planned in &records.plan.scenarios {
         let known = records.state.scenario(&planned.slug);
         let folder = directory.scenario(&planned.slug);
-        looks.extend(environments(&folder).map(|place| {
-            let read = read_environment(&place, known.environment_sha256s()).map(drop);
-            Look::at(place, read.map_err(|error| with_causes(&error)))
-        }));
+        looks.extend(looks_at_environments(&folder, &known));
         let numbers = 1..=planned.settings.all_windows();
         windows
             .extend(numbers.map(|number| (directory.window(&planned.slug, number), number, known.clone())));
     }
     looks.par_extend(
-        windows
-            .into_par_iter()
-            .flat_map_iter(|(folder, number, known)| looks_at_window(&folder, number, &known)),
+        windows.into_par_iter().flat_map_iter(|(folder, number, known)| {
+            looks_at_window(&folder, number, &known, &records.journal)
+        }),
     );
     let mut found = Verification {
         is_checked: records.journal.is_checked(),
@@ -90,6 +87,30 @@ fn experiment(directory: &RunDirectory, manifest: &Manifest) -> Option<Look> {
     Some(Look::at(place, found))
 }
 
+fn looks_at_environments(folder: &Place, known: &ScenarioState) -> Vec<Look> {
+    let mut missing: BTreeSet<&str> = known.environments_recorded().collect();
+    let mut looks = Vec::new();
+    for place in environments(folder) {
+        let read = read_environment(&place, known.environment_sha256s());
+        if let Ok(record) = &read {
+            missing.remove(record.environment.as_str());
+        }
+        looks.push(Look::at(
+            place,
+            read.map(drop).map_err(|error| with_causes(&error)),
+        ));
+    }
+    // One that is damaged may be any of them.
+    let is_whole = |look: &Look| look.found.is_ok();
+    if looks.iter().all(is_whole) {
+        looks.extend(missing.into_iter().map(|environment| {
+            let what = format!("of {environment} there is none, and events.jsonl says that it was written");
+            Look::at(folder.join(layout::ENVIRONMENT), Err(what))
+        }));
+    }
+    looks
+}
+
 /// What there is of the platforms of a scenario.
 fn environments(scenario: &Place) -> impl Iterator<Item = Place> {
     let is_one = |(place, kind): &(Place, Kind)| {
@@ -100,7 +121,7 @@ fn environments(scenario: &Place) -> impl Iterator<Item = Place> {
     entries.filter(is_one).map(|(place, _)| place)
 }
 
-fn looks_at_window(folder: &Place, number: u32, known: &ScenarioState) -> Vec<Look> {
+fn looks_at_window(folder: &Place, number: u32, known: &ScenarioState, journal: &Journal) -> Vec<Look> {
     let sha256 = known.window_sha256(number);
     if !folder.exists() {
         // One that nobody has collected is only missing.
@@ -109,6 +130,10 @@ fn looks_at_window(folder: &Place, number: u32, known: &ScenarioState) -> Vec<Lo
         return lost.into_iter().collect();
     }
     let record = folder.join(layout::WINDOW);
+    if journal.is_checked() && !known.collected.contains_key(&number) {
+        let what = "events.jsonl does not have its window as collected";
+        return vec![Look::at(record, Err(what.to_owned()))];
+    }
     match read_window(folder, sha256) {
         Ok(read) => {
             let files = read.files.iter().map(|file| {

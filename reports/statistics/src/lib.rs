@@ -7,11 +7,11 @@
 pub mod anderson_darling;
 pub mod block_permutation;
 pub mod chart;
-pub mod component;
 pub mod coverage;
 pub mod dependence;
 pub mod effect;
 pub mod energy;
+pub mod explained_part;
 pub mod ks;
 pub mod mean_shift;
 pub mod multiplicity;

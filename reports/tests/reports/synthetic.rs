@@ -269,6 +269,16 @@ pub fn journal(scenarios: &[Scenario]) -> Vec<Event> {
             resources: Vec::new(),
             round: None,
         });
+        let collected = (1..)
+            .zip(scenario.errors_m.iter())
+            .map(|(window, _)| Event::WindowCollected {
+                scenario: slug.clone(),
+                environment: format!("matrix-2026-11-21-{slug}-1"),
+                window,
+                verdict: Verdict::Valid,
+                sha256: None,
+            });
+        events.extend(collected);
         if let Some((outcome, reason)) = scenario.outcome {
             let hint = reason.map(|_| "`matrix resume` tries again".to_owned());
             let reason = reason.map(str::to_owned);

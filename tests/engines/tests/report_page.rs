@@ -1,4 +1,4 @@
-//! `report.html` in a real browser: headless Chromium, on a telephone and on a desk, light and dark, without JavaScript and
+//! `report.html` in a real browser: headless Chromium, on a telephone, a tablet and a desk, light and dark, without JavaScript and
 //! on paper. What was seen is kept in the target folder, `tmp/report-page`, for people to look at.
 
 use std::{
@@ -107,6 +107,7 @@ fn it_fits_the_screen_says_nothing_on_the_console_asks_for_nothing_and_shuts_nob
     for (look, of) in [
         (Look::PHONE, "phone-light"),
         (Look::PHONE.dark(), "phone-dark"),
+        (Look::TABLET, "tablet-light"),
         (Look::DESKTOP, "desktop-light"),
         (Look::DESKTOP.dark(), "desktop-dark"),
     ] {
@@ -151,6 +152,7 @@ fn a_history_fits_the_screen_and_no_number_of_it_is_cut() {
     let mut browser = Browser::start();
     for (look, of) in [
         (Look::PHONE, "phone"),
+        (Look::TABLET, "tablet"),
         (Look::DESKTOP, "desktop"),
         (Look::DESKTOP.dark(), "desktop-dark"),
     ] {

@@ -7,7 +7,7 @@ use record::{exit::matrix::Exit, run_directory::RunDirectory};
 use schemars::JsonSchema;
 use serde::Serialize;
 
-use super::status::RunStanding;
+use super::status::{self, RunStanding};
 use crate::{
     cli::{
         command::options::OutputArguments,
@@ -54,6 +54,8 @@ struct RunRecord {
     windows: u32,
     /// Those of them that are measured, collected or not.
     windows_complete: usize,
+    /// Those of them that are collected and do not count.
+    windows_invalid: usize,
     /// Whether `matrix prune` removed what was measured.
     pruned: bool,
     /// The matrix file.
@@ -74,6 +76,7 @@ impl RunRecord {
                     scenarios: 0,
                     windows: 0,
                     windows_complete: 0,
+                    windows_invalid: 0,
                     pruned: false,
                     matrix_file: None,
                 };
@@ -94,6 +97,7 @@ impl RunRecord {
             scenarios: running.count(),
             windows: standing.windows(),
             windows_complete: standing.windows_complete(),
+            windows_invalid: standing.windows_invalid(),
             pruned: directory.pruned().exists(),
             created: Some(recorded.manifest.created),
             matrix_file: Some(recorded.manifest.matrix_file),
@@ -112,7 +116,11 @@ impl RunRecord {
                 Some(reason) => reason.clone(),
                 None => {
                     let pruned = if self.pruned { ", pruned" } else { "" };
-                    format!("{} of {} windows{pruned}", self.windows_complete, self.windows)
+                    let invalid = status::invalid(self.windows_invalid);
+                    format!(
+                        "{} of {} windows{invalid}{pruned}",
+                        self.windows_complete, self.windows
+                    )
                 }
             },
             match &self.matrix_file {

@@ -61,6 +61,8 @@ pub struct StatusDocument<'a> {
     windows: u32,
     /// Windows of them that are measured, collected or not.
     windows_complete: usize,
+    /// Windows of them that are collected and do not count.
+    windows_invalid: usize,
     /// How long measuring the others takes, in seconds: windows only, on the host that has most of them left.
     measuring_left_s: f64,
     /// Every scenario of the plan, in letter order.
@@ -224,6 +226,11 @@ impl<'a> RunStanding<'a> {
         self.running().map(|(_, state)| state.complete().len()).sum()
     }
 
+    /// Those of them that are collected and do not count.
+    pub(super) fn windows_invalid(&self) -> usize {
+        self.running().map(|(_, state)| state.windows_invalid()).sum()
+    }
+
     /// How long measuring the others takes: on the host that has most of them left. What the window under way has behind it does not
     /// count.
     fn measuring_left(&self) -> Duration {
@@ -256,9 +263,10 @@ impl<'a> RunStanding<'a> {
             false => format!(", about {} of measuring left", in_words(self.measuring_left())),
         };
         format!(
-            "run {run}{work}\n  {} of {} windows measured{left}\n",
+            "run {run}{work}\n  {} of {} windows measured{}{left}\n",
             self.windows_complete(),
-            self.windows()
+            self.windows(),
+            invalid(self.windows_invalid())
         )
     }
 }
@@ -327,6 +335,7 @@ pub async fn execute(arguments: &StatusArguments) -> Result<Exit, CommandError> 
             finished,
             windows: standing.windows(),
             windows_complete: standing.windows_complete(),
+            windows_invalid: standing.windows_invalid(),
             measuring_left_s: standing.measuring_left().as_secs_f64(),
             scenarios: scenarios.collect(),
             verified: verified.as_ref().map(record),
@@ -342,12 +351,13 @@ pub async fn execute(arguments: &StatusArguments) -> Result<Exit, CommandError> 
             .map(|for_s| format!(", nothing was heard of the workload for {for_s} s or more"));
         let job = job(state).map(|job| format!(", {}", plain_log::job(job)));
         text.push_str(&format!(
-            "  {} {}: {}, {} of {} windows{}{}{}{}{}\n",
+            "  {} {}: {}, {} of {} windows{}{}{}{}{}{}\n",
             planned.id,
             planned.slug,
             word(planned, state, live),
             state.complete().len(),
             planned.settings.all_windows(),
+            invalid(state.windows_invalid()),
             under_way(state, live),
             job.unwrap_or_default(),
             silent.unwrap_or_default(),
@@ -432,6 +442,14 @@ fn as_text(verified: &Verification, run: &Path) -> String {
         ));
     }
     text
+}
+
+/// Windows that do not count, in words.
+pub(super) fn invalid(windows: usize) -> String {
+    match windows {
+        0 => String::new(),
+        some => format!(", {some} of them invalid"),
+    }
 }
 
 /// Windows that are measured and still where they were measured, in words.

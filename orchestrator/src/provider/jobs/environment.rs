@@ -436,8 +436,8 @@ impl Environment for JobEnvironment {
         if !has_ended && self.over.is_none() {
             end(&self.parts.cluster, &self.environment).await?;
         }
-        retried(|| self.parts.agent.remove(&self.environment))
-            .await
-            .map(drop)
+        retried(|| self.parts.agent.remove(&self.environment)).await?;
+        self.parts.cluster.queue.outdate();
+        Ok(())
     }
 }

@@ -270,6 +270,16 @@ async fn a_job_computes_is_collected_and_nothing_is_left() {
 }
 
 #[tokio::test]
+async fn a_job_that_was_just_taken_back_is_not_found_again() {
+    let place = Place::with(Fate::Waits);
+    let request = place.request(1);
+    let environment = place.jobs.create(&request).await.unwrap();
+    assert!(place.jobs.find(&request).await.unwrap().is_some());
+    environment.discard().await.unwrap();
+    assert!(place.jobs.find(&request).await.unwrap().is_none());
+}
+
+#[tokio::test]
 async fn what_a_forgotten_job_left_is_found_and_one_that_never_began_is_nothing() {
     let place = Place::with(Fate::Runs);
     let request = place.request(1);

@@ -435,9 +435,9 @@ fn factor(factor: &Factor) -> FactorEntry {
             true => "s",
             false => "packets a period",
         },
-        difference: factor.component.difference,
-        correlation: factor.component.correlation,
-        slope: factor.component.slope,
-        part: estimate(&factor.component.part),
+        difference: factor.explained.difference,
+        correlation: factor.explained.correlation,
+        slope: factor.explained.slope,
+        part: estimate(&factor.explained.part),
     }
 }

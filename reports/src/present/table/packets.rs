@@ -275,20 +275,20 @@ fn shift(report: &Report, one: &Explanation) -> String {
 
 fn explained_row(report: &Report, one: &Explanation, factor: &Factor) -> Vec<String> {
     let signed = |value: f64| report.quantity.signed(value);
-    let interval = factor.component.part.interval;
+    let interval = factor.explained.part.interval;
     vec![
         one.a.clone(),
         one.b.clone(),
         shift(report, one),
         format!("{} {}", factor.topic.name(), factor.quantity.name()),
         match factor.quantity.is_time() {
-            true => format!("{:+.2} ms", factor.component.difference * 1e3),
-            false => format!("{:+.2}", factor.component.difference),
+            true => format!("{:+.2} ms", factor.explained.difference * 1e3),
+            false => format!("{:+.2}", factor.explained.difference),
         },
-        format!("{:+.2}", factor.component.correlation),
+        format!("{:+.2}", factor.explained.correlation),
         format!(
             "{}{}",
-            signed(factor.component.part.value),
+            signed(factor.explained.part.value),
             interval.map_or_else(String::new, |interval| format!(
                 " [{}, {}]",
                 signed(interval.low),

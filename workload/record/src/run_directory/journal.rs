@@ -22,7 +22,7 @@ use crate::{
 /// One line of the journal.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct JournalEntry {
-    /// When, RFC 3339 with milliseconds, UTC.
+    /// When, RFC 3339 with microseconds, UTC; of runs of earlier versions, with milliseconds.
     pub at: String,
     /// What happened.
     #[serde(flatten)]

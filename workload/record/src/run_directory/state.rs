@@ -7,7 +7,7 @@ use std::{
 };
 
 use super::{Event, JobStanding, JournalEntry, Outcome, PlanRecord};
-use crate::progress::Progress;
+use crate::{progress::Progress, window::Verdict};
 
 /// Where a run stands.
 #[derive(Debug, Clone, Default, PartialEq)]
@@ -46,7 +46,7 @@ pub struct ScenarioState {
     /// Windows that broke, whether or not they were measured again.
     pub broken: Vec<BrokenWindow>,
     /// SHA-256 of each environment's `environment.json`, as often as it was written, in hexadecimal: a crash may have left either.
-    environment_sha256s: BTreeSet<String>,
+    environments_recorded: BTreeMap<String, BTreeSet<String>>,
 }
 
 /// Where a scenario stands in one round, which has one environment of it, or several if the first was lost.
@@ -71,6 +71,8 @@ pub struct RoundState {
 pub struct Collected {
     /// The environment that measured it.
     pub environment: String,
+    /// Whether it counts.
+    pub verdict: Verdict,
     /// SHA-256 of its `window.json`, if it is known.
     pub sha256: Option<String>,
 }
@@ -180,8 +182,14 @@ impl RunState {
                     open.job = Some(standing.clone());
                 }
             }
-            Event::EnvironmentRecorded { scenario, sha256, .. } => {
-                self.entry(scenario).environment_sha256s.insert(sha256.clone());
+            Event::EnvironmentRecorded {
+                scenario,
+                environment,
+                sha256,
+            } => {
+                let recorded = &mut self.entry(scenario).environments_recorded;
+                let sha256s = recorded.entry(environment.clone()).or_default();
+                sha256s.insert(sha256.clone());
             }
             Event::WorkloadSilent { scenario, for_s } => self.entry(scenario).silent_for_s = Some(*for_s),
             Event::WorkloadHeard { scenario, .. } => self.entry(scenario).silent_for_s = None,
@@ -262,14 +270,15 @@ impl RunState {
                 scenario,
                 environment,
                 window,
+                verdict,
                 sha256,
-                ..
             } => {
                 let state = self.entry(scenario);
                 // Where the journal does not have its creation: a name is never given twice.
                 state.attempts = state.attempts.max(attempt(environment));
                 let collected = Collected {
                     environment: environment.clone(),
+                    verdict: *verdict,
                     sha256: sha256.clone(),
                 };
                 state.collected.insert(*window, collected);
@@ -345,6 +354,15 @@ impl ScenarioState {
         }
     }
 
+    /// Windows that were collected and do not count.
+    #[must_use]
+    pub fn windows_invalid(&self) -> usize {
+        let collected = self.collected.values();
+        collected
+            .filter(|window| window.verdict == Verdict::Invalid)
+            .count()
+    }
+
     /// SHA-256 of a collected window's `window.json`, in hexadecimal, if it is known.
     #[must_use]
     pub fn window_sha256(&self, window: u32) -> Option<&str> {
@@ -353,7 +371,12 @@ impl ScenarioState {
 
     /// Those that an `environment.json` may have; none if that is not known.
     pub fn environment_sha256s(&self) -> impl Iterator<Item = &str> + Clone {
-        self.environment_sha256s.iter().map(String::as_str)
+        self.environments_recorded.values().flatten().map(String::as_str)
+    }
+
+    /// The environments of which an `environment.json` was written.
+    pub fn environments_recorded(&self) -> impl Iterator<Item = &str> {
+        self.environments_recorded.keys().map(String::as_str)
     }
 
     fn close(&mut self, environment: &str) {
@@ -424,7 +447,7 @@ fn attempt(environment: &str) -> u32 {
 
 #[cfg(test)]
 mod tests {
-    use crate::{run_directory::PlannedScenario, settings::Settings, window::Verdict};
+    use crate::{run_directory::PlannedScenario, settings::Settings};
 
     use super::*;
 

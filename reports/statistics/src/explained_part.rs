@@ -1,8 +1,8 @@
 //! How much of a difference of two scenarios goes with a difference in another quantity (Kitagawa, *Components of a Difference
-//! Between Two Rates*, 1955), by the slope that the one has on the other within windows. The main type is [`Component`]. It is what
+//! Between Two Rates*, 1955), by the slope that the one has on the other within windows. The main type is [`ExplainedPart`]. It is what
 //! goes with it, and not what is caused by it.
 //!
-//! With b the slope over all windows, each around its own means, and d the difference of the means of window means, the component is
+//! With b the slope over all windows, each around its own means, and d the difference of the means of window means, the explained part is
 //! b · d, and its variance d² V(b) + b² V(d) to the first order (Goodman, *On the Exact Variance of Products*, 1960). V(b) is that of
 //! Arellano, *Computing Robust Standard Errors for Within-Groups Estimators*, 1987, with a window as a group: values of one window
 //! may depend on each other in any way. V(d) = s²_a/n + s²_b/m. Student's quantile has Satterthwaite's degrees of freedom, of one less than
@@ -52,7 +52,7 @@ impl WindowSums {
 
 /// What goes with the difference in x.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Component {
+pub struct ExplainedPart {
     /// Mean of the second scenario's window means of x less that of the first's.
     pub difference: f64,
     /// Correlation of x and y within windows.
@@ -63,7 +63,7 @@ pub struct Component {
     pub part: Estimate,
 }
 
-impl Component {
+impl ExplainedPart {
     /// That of two scenarios; none if one has no window, or x or y is the same throughout each window. It has an interval from two
     /// windows a side on.
     #[must_use]
@@ -137,7 +137,7 @@ fn mean(values: impl Iterator<Item = f64>) -> Option<f64> {
     (count > 0).then(|| sum / f64::from(count))
 }
 
-/// Two made-up scenarios whose component is known. x has standard deviation 1 within a window.
+/// Two made-up scenarios whose explained part is known. x has standard deviation 1 within a window.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Design {
     /// Windows of each.
@@ -192,7 +192,7 @@ const fn design(
 const VALUES: usize = 60;
 
 impl Design {
-    /// The share of made-up pairs whose interval has the component in it.
+    /// The share of made-up pairs whose interval has the explained part in it.
     #[must_use]
     pub fn coverage(&self, repetitions: usize, seed: u64) -> f64 {
         let covers = |repetition: usize| {
@@ -200,7 +200,7 @@ impl Design {
             let sides = [0, 1].map(|side| self.side(side, &mut noise));
             let [a, b] = &sides;
             let truth = self.slope * self.difference;
-            let interval = Component::of(a, b).and_then(|it| it.part.interval);
+            let interval = ExplainedPart::of(a, b).and_then(|it| it.part.interval);
             interval.is_some_and(|it| it.low <= truth && truth <= it.high)
         };
         let covered = (0..repetitions).into_par_iter().filter(|it| covers(*it));
@@ -241,7 +241,7 @@ mod tests {
     fn the_example_of_the_docs() {
         let a = [[(20.0, 10.0), (22.0, 11.0)], [(21.0, 10.0), (23.0, 12.0)]].map(|it| sums(&it));
         let b = [[(30.0, 16.0), (32.0, 17.0)], [(33.0, 16.0), (35.0, 18.0)]].map(|it| sums(&it));
-        let found = Component::of(&a, &b).unwrap();
+        let found = ExplainedPart::of(&a, &b).unwrap();
         assert!((found.slope - 0.75).abs() < 1e-12, "{found:?}");
         assert!((found.difference - 11.0).abs() < 1e-12, "{found:?}");
         assert!((found.part.value - 8.25).abs() < 1e-12, "{found:?}");
@@ -255,14 +255,14 @@ mod tests {
     }
 
     #[test]
-    fn a_side_of_one_window_has_no_interval_and_what_never_varies_no_component() {
+    fn a_side_of_one_window_has_no_interval_and_what_never_varies_no_part() {
         let one = sums(&[(1.0, 2.0), (2.0, 3.0)]);
-        let found = Component::of(&[one], &[one, one]).unwrap();
+        let found = ExplainedPart::of(&[one], &[one, one]).unwrap();
         assert_eq!(found.part.interval, None);
         assert_eq!(found.part.value, 0.0);
         let constant = sums(&[(1.0, 2.0), (1.0, 3.0)]);
-        assert_eq!(Component::of(&[constant], &[constant]), None);
-        assert_eq!(Component::of(&[one], &[]), None);
+        assert_eq!(ExplainedPart::of(&[constant], &[constant]), None);
+        assert_eq!(ExplainedPart::of(&[one], &[]), None);
         assert_eq!(WindowSums::of(&[]), None);
     }
 
