@@ -417,7 +417,7 @@ impl Explanation {
                 let (part_m, words) = (mm(part.part_m), &part.words);
                 // A part of two hundredths is no answer by itself.
                 let left = match self.unexplained_m.abs() > part.part_m.abs() {
-                    true => format!("; more than that, {} mm, is unexplained", mm(self.unexplained_m)),
+                    true => format!("; the unexplained rest is larger: {} mm", mm(self.unexplained_m)),
                     false => String::new(),
                 };
                 format!("The largest part is {words}: {part_m} mm [{low}, {high}]{left}")

@@ -207,7 +207,7 @@ impl Scenario {
         let left_s = (total.saturating_sub(done) as f64 / self.rate_hz).round();
         let left = Duration::try_from_secs_f64(left_s).unwrap_or(Duration::MAX);
         self.bar.set_message(format!(
-            "window {window}/{}, {} left, latest start {:.2} ms, {missed_deadlines} missed",
+            "window {window}/{}, {} of the scenario left, latest start {:.2} ms, {missed_deadlines} missed",
             self.windows,
             humantime::format_duration(left),
             *worst_lateness_ns as f64 / 1e6,

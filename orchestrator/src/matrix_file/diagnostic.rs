@@ -252,11 +252,11 @@ impl Diagnostic {
             let span = self.source.first_line_of(label.span);
             let place = |offset: usize| {
                 let before = text.get(..offset.saturating_sub(shown.start));
-                spelt_out(before.unwrap_or(text)).len()
+                visibly(before.unwrap_or(text)).len()
             };
             place(span.start)..place(span.end)
         };
-        let (text, path) = (spelt_out(text), harmless_line(self.source.name()));
+        let (text, path) = (visibly(text), harmless_line(self.source.name()));
         let others = self.others.iter();
         let others = others.map(|other| {
             AnnotationKind::Context
@@ -314,14 +314,14 @@ impl Diagnostic {
     }
 }
 
-/// A text as it is, but for letters that take no room, such as a zero-width space: a misspelling by one would show as none. The renderer
-/// sees to control characters.
-fn spelt_out(text: &str) -> String {
-    let spelt_out = |character: char| match is_unseen(character) && !character.is_control() {
-        true => character.escape_unicode().to_string(),
-        false => character.to_string(),
+/// A text as it is, but for letters that take no room, such as a zero-width space: a misspelling by one would show as none. Each is one
+/// letter still, so that columns are those of the file. The renderer sees to control characters.
+fn visibly(text: &str) -> String {
+    let visibly = |character: char| match is_unseen(character) && !character.is_control() {
+        true => char::REPLACEMENT_CHARACTER,
+        false => character,
     };
-    text.chars().map(spelt_out).collect()
+    text.chars().map(visibly).collect()
 }
 
 /// Most mistakes of one severity that are kept; nobody reads more at a time.

@@ -196,16 +196,8 @@ impl<'a> Expansion<'a> {
                 .iter()
                 .all(|axis| value_of(&values, axis).map(|value| value.text.as_str()) == offer.get(axis))
         };
-        let offering = self
-            .offers
-            .iter()
-            .filter(offers)
-            .filter_map(|offer| offer.node.as_ref());
-        let first = self
-            .offers
-            .iter()
-            .find(offers)
-            .and_then(|offer| offer.node.as_ref());
+        let nodes = self.offers.iter().filter(offers).map(|offer| offer.node.as_ref());
+        let first = nodes.clone().next().flatten();
         let Some(first) = first.filter(|_| value_of(&values, NODE).is_none()) else {
             return vec![values];
         };
@@ -214,7 +206,11 @@ impl<'a> Expansion<'a> {
             values.push((NODE.to_owned(), AxisValue::word(&node.name)));
             values
         };
-        offering.filter(|node| node.of == first.of).map(on_node).collect()
+        nodes
+            .flatten()
+            .filter(|node| node.of == first.of)
+            .map(on_node)
+            .collect()
     }
 
     /// The values of one of hardware and OS, with each that the hosts offer of the other.

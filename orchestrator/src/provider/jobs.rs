@@ -532,7 +532,8 @@ impl Provider for Jobs {
         let asked = Instant::now().checked_sub(JUST_NOW).unwrap_or_else(Instant::now);
         let seen = self.cluster.queue.after(asked, Duration::ZERO).await;
         let job = seen.job(name);
-        if let (None, Some(silence)) = (job, &seen.silence) {
+        // What it said before it fell silent may have been before the job was taken back.
+        if let Some(silence) = &seen.silence {
             return Err(ProviderError::Unreachable {
                 platform: format!("the batch system of host `{}`", self.agent.host()),
                 hint: Some("wait until it answers: its jobs go on without it".to_owned()),
@@ -626,9 +627,8 @@ impl Provider for Jobs {
     async fn remove(&self, leftover: &Leftover) -> Result<(), ProviderError> {
         let name = &leftover.resource.name;
         self.end(name).await?;
-        self.agent.remove(name).await?;
         self.cluster.queue.outdate();
-        Ok(())
+        self.agent.remove(name).await.map(drop)
     }
 }
 

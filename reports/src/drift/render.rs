@@ -16,9 +16,19 @@ use super::{Cause, Change, Drift, Finding, Judgement, Kind, Metric, Verdict};
 use crate::{explain::Found, present::table::p_in_words};
 
 impl Drift {
-    /// The verdict in one sentence.
+    /// The verdict, what changed, and what is withdrawn: some sentences.
     #[must_use]
     pub fn headline(&self) -> String {
+        format!(
+            "{}{}{}",
+            self.verdict_in_words(),
+            self.first_news(),
+            self.told_before()
+        )
+    }
+
+    /// The verdict in one sentence.
+    fn verdict_in_words(&self) -> String {
         let verdict = self.verdict();
         let count = |wanted: &str| {
             let is_it = |it: &&Judgement| it.verdict.name() == wanted;
@@ -35,16 +45,14 @@ impl Drift {
         .map(|name| format!("{name}: {}", count(name)))
         .collect();
         format!(
-            "{} in {}, against {} earlier runs ({}).{}{}",
+            "{} in {}, against {} earlier runs ({}).",
             capitalised(verdict.name()),
             self.nights.last().map_or("no run", String::as_str),
             self.nights.len().saturating_sub(1),
             match parts.is_empty() {
                 true => "nothing was judged".to_owned(),
                 false => parts.join(", "),
-            },
-            self.first_news(),
-            self.told_before()
+            }
         )
     }
 
@@ -71,7 +79,8 @@ impl Drift {
     /// What was told before, was withdrawn, and nobody has acknowledged.
     fn told_before(&self) -> String {
         let findings = self.judgements.iter().flat_map(|judgement| &judgement.findings);
-        let withdrawn = findings.filter(|it| it.withdrawn.is_some() && it.acknowledged.is_none());
+        let withdrawn =
+            findings.filter(|it| it.withdrawn.is_some() && it.acknowledged.is_none() && !it.immaterial);
         match withdrawn.count() {
             0 => String::new(),
             1 => " 1 change that was told before is withdrawn.".to_owned(),

@@ -415,20 +415,37 @@ fn what_is_acknowledged_is_not_told_again_until_it_expires() {
 #[rstest]
 fn a_single_night_that_is_known_leaves_the_way_back_from_it_untold(
     #[values(Baseline::Keep, Baseline::Reset)] baseline: Baseline,
+    // In standard deviations of nights.
+    #[values(5.0, 6.0, 8.0, 10.0, 20.0)] size: f64,
+    // Versions before told of the way back, and of nothing else once that was acknowledged.
+    #[values(None, Some("night-021"), Some("night-022"))] way_back: Option<&str>,
 ) {
-    let all = nights(40, 5, |number| USUAL_M + if number == 20 { 0.02 } else { 0.0 });
-    let known = known(baseline, "2027-01-01");
+    let off_m = size * SPREAD_M;
+    let all = nights(40, 5, |number| USUAL_M + if number == 20 { off_m } else { 0.0 });
+    let mut known = known(baseline, "2027-01-01");
+    let acknowledged = &mut known.acknowledgements.acknowledged;
+    if let Some(since) = way_back {
+        let entry = Acknowledgement {
+            since: since.to_owned(),
+            baseline: Baseline::Keep,
+            ..acknowledged[0].clone()
+        };
+        acknowledged.push(entry);
+    }
     for newest in 20..40 {
         let judgement = judged_with(&all[..=newest], &known);
         assert_ne!(judgement.verdict, Verdict::Drift, "{newest}: {judgement:?}");
-        if baseline == Baseline::Keep {
-            let [finding] = &judgement.findings[..] else {
-                panic!("it stays shown: {judgement:?}")
-            };
-            assert_eq!(finding.since, "night-020");
+        // One that is told in its night stays shown.
+        if baseline == Baseline::Keep && size >= 8.0 {
+            let mut findings = judgement.findings.iter();
+            let finding = findings.find(|finding| finding.since == "night-020");
+            let finding = finding.expect("it stays shown");
             assert!(finding.acknowledged.is_some());
-            let withdrawn = (newest > 20).then_some("night-021");
-            assert_eq!(finding.withdrawn.as_deref(), withdrawn, "{newest}");
+            if way_back.is_none() {
+                let withdrawn = (newest > 20).then_some("night-021");
+                assert_eq!(finding.withdrawn.as_deref(), withdrawn, "{newest}");
+                assert_eq!(judgement.findings.len(), 1, "{judgement:?}");
+            }
         }
     }
 }

@@ -144,22 +144,28 @@ impl Report {
     /// What the metric does along swept settings, with means of windows and their intervals.
     fn of_sweeps(&self) -> Vec<String> {
         let sweeps = Sweep::all(self);
-        let mut told: Vec<String> = sweeps
+        let mut lines: Vec<_> = sweeps
             .iter()
-            .flat_map(|sweep| sweep.told(&self.quantity.name))
+            .map(|sweep| sweep.told(&self.quantity.name).into_iter())
             .collect();
-        let more = told.len().saturating_sub(MOST_LINES);
-        told.truncate(MOST_LINES);
-        told.extend((!told.is_empty()).then(|| {
-            let more = match more {
-                0 => String::new(),
-                1 => ", which has 1 line more".to_owned(),
-                many => format!(", which has {many} lines more"),
-            };
-            format!(
-                "Brackets: the mean's interval of 95 % over windows, as in the figure of the sweep{more}."
-            )
-        }));
+        // One of each swept setting before the second of any.
+        let mut told = Vec::new();
+        loop {
+            let next: Vec<String> = lines.iter_mut().filter_map(Iterator::next).collect();
+            if next.is_empty() {
+                break;
+            }
+            told.extend(next);
+        }
+        let more = told.split_off(told.len().min(MOST_LINES.max(sweeps.len()))).len();
+        told.extend(match more {
+            0 => None,
+            1 => Some("The figures of the sweeps have 1 line more.".to_owned()),
+            many => Some(format!("The figures of the sweeps have {many} lines more.")),
+        });
+        if told.iter().any(|line| line.contains('[')) {
+            told.push("Brackets: the mean's interval of 95 % over windows.".to_owned());
+        }
         told
     }
 

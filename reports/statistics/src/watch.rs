@@ -34,6 +34,8 @@ const BY_ITSELF: (f64, f64) = (0.2, 60.0);
 const CONFIRMED: usize = 5;
 /// How far off the place of a change may have been named, in nights.
 const MISPLACED: usize = 10;
+/// A change that was told is the one that is known to begin so many nights from it.
+const KNOWN_NEAR: usize = 2;
 /// Nights further apart from the level before than so many standard deviations of their mean are on a level of their own.
 const OWN_LEVEL: f64 = 3.0;
 /// Nights after it was told that the place of a change is looked for with.
@@ -130,29 +132,35 @@ pub fn watch(nights: &[Night]) -> Watched {
 }
 
 /// The known changes that were one night alone: none begins a level of its own, and the way back from it would be told as the next
-/// change. They are no longer known changes of the nights. A watch that does not know of such a night withdraws it, and one that knows
-/// tells of the way back, both in the next few nights.
+/// change. A watch that does not know of such a night withdraws it in the next few nights, and one that knows tells of the way back, now or
+/// later. They are no longer known changes of the nights, nor is the way back if somebody acknowledged that, too.
 fn take_known_alone(nights: &mut [Night]) -> Vec<usize> {
     let mut alone = Vec::new();
     for at in 0..nights.len() {
         if !nights.get(at).is_some_and(|it| it.is_known_change) {
             continue;
         }
-        let soon = nights.get(..nights.len().min(at + 1 + CONFIRMED));
-        let mut unaware = soon.unwrap_or_default().to_vec();
-        let tells_of_the_way_back = |change: &Change| change.at > at && change.known.is_empty();
-        if !watched(&unaware).changes.iter().any(tells_of_the_way_back) {
+        let soon = at + 1..=at + CONFIRMED;
+        let tells_of_the_way_back = |change: &Change| soon.contains(&change.at) && change.known.is_empty();
+        if !watched(nights).changes.iter().any(tells_of_the_way_back) {
             continue;
         }
-        if let Some(night) = unaware.get_mut(at) {
-            night.is_known_change = false;
+        let mut unaware = nights
+            .get(..nights.len().min(at + 1 + CONFIRMED))
+            .unwrap_or_default()
+            .to_vec();
+        unaware
+            .iter_mut()
+            .skip(at)
+            .for_each(|night| night.is_known_change = false);
+        let found = watched(&unaware).changes;
+        if !found.iter().any(|it| it.at == at && it.withdrawn.is_some()) {
+            continue;
         }
-        let is_withdrawn = |change: &Change| change.at == at && change.withdrawn.is_some();
-        if watched(&unaware).changes.iter().any(is_withdrawn) {
-            alone.push(at);
-            if let Some(night) = nights.get_mut(at) {
-                night.is_known_change = false;
-            }
+        alone.push(at);
+        let begins_a_level = |night: usize| found.iter().any(|it| it.at == night && it.withdrawn.is_none());
+        for (place, night) in nights.iter_mut().enumerate().skip(at).take(1 + KNOWN_NEAR) {
+            night.is_known_change &= begins_a_level(place);
         }
     }
     alone
@@ -283,7 +291,7 @@ impl State {
             self.changes.push(open);
         }
         let told = self.changes.last_mut().filter(|last| {
-            last.withdrawn.is_none() && next.abs_diff(last.at) <= 2 && !last.known.contains(&next)
+            last.withdrawn.is_none() && next.abs_diff(last.at) <= KNOWN_NEAR && !last.known.contains(&next)
         });
         if let Some(same) = told {
             same.known.push(next);

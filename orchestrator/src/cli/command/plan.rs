@@ -280,8 +280,8 @@ pub fn as_text(plan: &Plan) -> String {
     let running = record.scenarios.iter().filter(|scenario| scenario.runs());
     if designs.peek().is_none() && running.count() > 1 {
         text.push_str(
-            "no pair of the family (`report.family`) runs the same experiment, so that none is tested; name pairs there to have \
-             them tested all the same\n",
+            "the family (`report.family`) has no pair of scenarios that run the same experiment, so that none is tested; name pairs \
+             there to have them tested all the same\n",
         );
     }
     for design in designs {

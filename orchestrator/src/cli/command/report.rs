@@ -199,7 +199,12 @@ pub fn execute(arguments: &ReportArguments) -> Result<Exit, CommandError> {
         ensure_may_hold_a_report(folder)?;
         run.report_folder = Place::root(folder);
     }
-    let options = arguments.of_samples().into_iter().chain(arguments.of_scenarios());
+    let options: Vec<_> = arguments
+        .of_samples()
+        .into_iter()
+        .chain(arguments.of_scenarios())
+        .collect();
+    let asks_for_more = !options.is_empty() || arguments.explain || arguments.replay || arguments.sensitivity;
     let settings = arguments.settings(&run, options)?;
     let mut report = reports::analyse(&run, reports::input::traffic::read(&run), &settings);
     if let Some(directory) = &only {
@@ -225,15 +230,17 @@ pub fn execute(arguments: &ReportArguments) -> Result<Exit, CommandError> {
         (true, _) => terminal::json(&page.json()),
         (_, true) => terminal::result(&page.markdown()),
         _ => {
-            let full = only.as_ref().map(|run| {
-                let run = escaping::pasted(run.path());
-                format!("The tables here: `matrix report {run} --full`\n")
-            });
+            let full = match only
+                .as_ref()
+                .filter(|_| !asks_for_more && arguments.into.is_none())
+            {
+                Some(run) => format!("`matrix report {} --full`", escaping::pasted(run.path())),
+                None => "the same command with `--full`".to_owned(),
+            };
             terminal::result(&format!(
-                "{}\nAll tables, figures and numbers: {}\n{}",
+                "{}\nAll tables, figures and numbers: {}\nThe tables here: {full}\n",
                 page.summary(),
-                run.report_folder.join("report.html"),
-                full.unwrap_or_default()
+                run.report_folder.join("report.html")
             ));
         }
     }

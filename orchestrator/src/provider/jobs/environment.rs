@@ -436,8 +436,9 @@ impl Environment for JobEnvironment {
         if !has_ended && self.over.is_none() {
             end(&self.parts.cluster, &self.environment).await?;
         }
-        retried(|| self.parts.agent.remove(&self.environment)).await?;
         self.parts.cluster.queue.outdate();
-        Ok(())
+        retried(|| self.parts.agent.remove(&self.environment))
+            .await
+            .map(drop)
     }
 }

@@ -43,7 +43,11 @@ impl Drift {
     /// The verdict, what changed, and a table of all, as Markdown.
     #[must_use]
     pub fn github_summary(&self) -> String {
-        let mut text = format!("### {}\n", cell(&self.headline()));
+        let mut text = format!("### {}\n", cell(&self.verdict_in_words()));
+        let withdrawn = self.told_before();
+        if !withdrawn.is_empty() {
+            let _ = writeln!(text, "\n{}", cell(withdrawn.trim_start()));
+        }
         for (judgement, finding) in self.news() {
             let _ = write!(
                 text,

@@ -6,6 +6,7 @@ use record::run_directory::EnvironmentRecord;
 use super::markdown::{WIDTH, block, drawn, plain, wrapped};
 use crate::{
     analysis::{
+        contrast::Contrast,
         report::Report,
         scenario::{ScenarioReport, Standing},
     },
@@ -40,6 +41,7 @@ pub(super) fn render(page: &Presentation<'_>) -> String {
     );
     let mut items = unmeasured(report);
     items.extend(not_valid(report));
+    items.extend(beside_baselines(report));
     items.extend(of_environments(report));
     // The first sentence of a remark says what there is to know; tables.md has it whole.
     items.extend(
@@ -194,6 +196,22 @@ fn against_baseline(report: &Report, scenario: &ScenarioReport) -> String {
         true => NONE.to_owned(),
         false => words.collect::<Vec<_>>().join("; "),
     }
+}
+
+/// That the rows have no place for pairs of two baseline scenarios, or of none, where there are such.
+fn beside_baselines(report: &Report) -> Option<String> {
+    let baselines: Vec<&str> = baselines(report).iter().map(|it| it.id.as_str()).collect();
+    let pairs = &report.contrasts.pairs;
+    let is_baseline = |id: &String| baselines.contains(&id.as_str());
+    let is_in_a_row = |pair: &&Contrast| is_baseline(&pair.a) != is_baseline(&pair.b);
+    let beside = pairs.len() - pairs.iter().filter(is_in_a_row).count();
+    (beside > 0 && !baselines.is_empty()).then(|| {
+        format!(
+            "The rows have the verdicts against {}. `contrasts.csv` has all {} pairs, also the {beside} that are in no row.",
+            listed(&baselines),
+            pairs.len(),
+        )
+    })
 }
 
 /// What all scenarios have in common, and what the columns are.

@@ -41,7 +41,14 @@ pub(super) fn of(report: &Report) -> Vec<Table> {
         }
         Some(table)
     });
-    let mut tables: Vec<Table> = fields.take(MOST_TABLES).collect();
+    let mut tables: Vec<Table> = fields.collect();
+    let all = tables.len();
+    tables.truncate(MOST_TABLES);
+    if let Some(last) = tables.last_mut().filter(|_| all > MOST_TABLES) {
+        last.notes.push(format!(
+            "The first {MOST_TABLES} of {all} such tables; `report.json` has the numbers of all."
+        ));
+    }
     for (table, number) in tables.iter_mut().zip(1..).skip(1) {
         table.id = format!("{}-{number}", table.id);
     }

@@ -379,6 +379,14 @@ impl ScenarioState {
         self.environments_recorded.keys().map(String::as_str)
     }
 
+    /// Whether a window of that environment was collected.
+    #[must_use]
+    pub fn has_windows_of(&self, environment: &str) -> bool {
+        self.collected
+            .values()
+            .any(|window| window.environment == environment)
+    }
+
     fn close(&mut self, environment: &str) {
         for round in self.rounds.values_mut() {
             round.open.take_if(|open| open.environment == environment);
