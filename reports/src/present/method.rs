@@ -25,7 +25,7 @@ impl Report {
         let described = kinds.iter().map(|(experiment, letters)| {
             let description = experiment.description();
             match several {
-                true => format!("{description} ({})", listed(&letters)),
+                true => format!("{description} ({})", listed(letters)),
                 false => description,
             }
         });

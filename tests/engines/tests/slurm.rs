@@ -164,7 +164,10 @@ fn two_kinds_of_nodes_measure_a_sweep_over_ssh_and_a_power_cut_costs_the_window_
         .iter()
         .filter(|it| it["environment"] == cut.as_str())
         .count();
-    assert!((1..3).contains(&of_the_cut), "{of_the_cut} windows of {cut} on {node}: {ran:?}");
+    assert!(
+        (1..3).contains(&of_the_cut),
+        "{of_the_cut} windows of {cut} on {node}: {ran:?}"
+    );
     for (slug, hardware, node) in [
         ("x86-64-debian-12-native-amplitude-m-0-03", "x86_64", None),
         ("i686-ubuntu-22-04-native-amplitude-m-0-03", "i686", Some("n3")),
