@@ -6,7 +6,7 @@
 //! file's text are left out. What was measured stays as it is, byte for byte, and so do axes and settings.
 
 use std::{
-    collections::{BTreeMap, BTreeSet},
+    collections::{BTreeMap, BTreeSet, HashMap},
     io,
     net::IpAddr,
     path::{Path, PathBuf},
@@ -121,8 +121,8 @@ impl CopyError {
 /// The names that are replaced.
 #[derive(Debug, Clone, Default, PartialEq, Eq)]
 pub struct Redaction {
-    /// In lower case, with what stands for them; the longest first.
-    names: Vec<(String, String)>,
+    /// With what stands for them.
+    names: Names<String>,
     /// Names that stay, since axes have them.
     kept: BTreeSet<String>,
 }
@@ -147,6 +147,7 @@ impl Redaction {
     #[must_use]
     pub fn names(&self) -> BTreeMap<&str, &str> {
         self.names
+            .known
             .iter()
             .map(|(name, other)| (name.as_str(), other.as_str()))
             .collect()
@@ -165,7 +166,7 @@ impl Redaction {
         let mut redacted = String::with_capacity(text.len());
         let (mut at, mut before) = (0, None);
         while let (Some(rest), Some(original)) = (lower.get(at..), text.get(at..)) {
-            let name = self.names.iter().find(|(name, _)| is_word_at(name, before, rest));
+            let name = self.names.beginning(before, rest).next();
             let (length, piece) = match (name, original.chars().next()) {
                 (Some((name, other)), _) => (name.len(), other.as_str()),
                 (None, Some(next)) => (
@@ -227,24 +228,59 @@ fn is_change_of_what_is_left_out(fields: &Map<String, Value>) -> bool {
     what.is_some_and(|what| LEFT_OUT.contains(&what))
 }
 
-/// Whether a text goes on with this name, and the name is not a part of a longer word.
-fn is_word_at(name: &str, before: Option<char>, rest: &str) -> bool {
-    let joins = |edge: Option<char>, beside: Option<char>| {
-        edge.is_some_and(char::is_alphanumeric) && beside.is_some_and(char::is_alphanumeric)
-    };
-    rest.strip_prefix(name).is_some_and(|after| {
-        !joins(name.chars().next(), before) && !joins(name.chars().next_back(), after.chars().next())
-    })
+/// Names in lower case, found where they stand in a text without trying each: a run may have thousands of hosts.
+#[derive(Debug, Clone, PartialEq, Eq)]
+struct Names<T> {
+    known: HashMap<String, T>,
+    /// How long names are.
+    lengths: BTreeSet<usize>,
 }
 
-fn has_word(text: &str, name: &str) -> bool {
-    text.match_indices(name).any(|(at, _)| {
-        is_word_at(
-            name,
-            text.get(..at).and_then(|it| it.chars().next_back()),
-            text.get(at..).unwrap_or_default(),
-        )
-    })
+impl<T> Default for Names<T> {
+    fn default() -> Self {
+        std::iter::empty().collect()
+    }
+}
+
+impl<T> FromIterator<(String, T)> for Names<T> {
+    fn from_iter<I: IntoIterator<Item = (String, T)>>(names: I) -> Self {
+        let known = HashMap::from_iter(names);
+        Self {
+            lengths: known.keys().map(String::len).collect(),
+            known,
+        }
+    }
+}
+
+impl<T> Names<T> {
+    /// Those with which a text goes on, none of them a part of a longer word; the longest first.
+    fn beginning(&self, before: Option<char>, rest: &str) -> impl Iterator<Item = (&str, &T)> {
+        let joins = |edge: Option<char>, beside: Option<char>| {
+            edge.is_some_and(char::is_alphanumeric) && beside.is_some_and(char::is_alphanumeric)
+        };
+        self.lengths.iter().rev().filter_map(move |length| {
+            let (name, after) = rest.split_at_checked(*length)?;
+            let (name, other) = self.known.get_key_value(name)?;
+            let is_part =
+                joins(name.chars().next(), before) || joins(name.chars().next_back(), after.chars().next());
+            (!is_part).then_some((name.as_str(), other))
+        })
+    }
+
+    /// All that stand as a word in a text.
+    fn within(&self, text: &str) -> BTreeSet<&str> {
+        let places = text.char_indices().scan(None, |before, (at, letter)| {
+            let place = (*before, at);
+            *before = Some(letter);
+            Some(place)
+        });
+        let mut found = BTreeSet::new();
+        for (before, at) in places {
+            let rest = text.get(at..).unwrap_or_default();
+            found.extend(self.beginning(before, rest).map(|(name, _)| name));
+        }
+        found
+    }
 }
 
 /// What was found in documents, before it has other names.
@@ -399,21 +435,19 @@ impl Found {
     }
 
     fn redaction(self) -> Redaction {
-        let mut redaction = Redaction::default();
-        for (kind, names) in self.names {
-            let (kept, replaced): (BTreeSet<String>, BTreeSet<String>) = names
-                .into_iter()
-                .partition(|name| self.axes.iter().any(|axis| has_word(axis, name)));
-            redaction.kept.extend(kept);
-            let numbered = (1..).zip(replaced);
-            redaction
-                .names
-                .extend(numbered.map(|(number, name)| (name, format!("{kind}-{number}"))));
+        let all = self.names.values().flatten();
+        let all: Names<()> = all.map(|name| (name.clone(), ())).collect();
+        let kept: BTreeSet<&str> = self.axes.iter().flat_map(|axis| all.within(axis)).collect();
+        let replaced = self.names.iter().flat_map(|(kind, names)| {
+            let replaced = names.iter().filter(|name| !kept.contains(name.as_str()));
+            (1..)
+                .zip(replaced)
+                .map(move |(number, name)| (name.clone(), format!("{kind}-{number}")))
+        });
+        Redaction {
+            names: replaced.collect(),
+            kept: kept.into_iter().map(str::to_owned).collect(),
         }
-        redaction
-            .names
-            .sort_by_key(|(name, _)| std::cmp::Reverse(name.len()));
-        redaction
     }
 }
 
