@@ -140,7 +140,7 @@ pub fn of_scenario(
             reason,
         })?;
     }
-    let mut ways = Ways::default();
+    let mut ways = Ways::beside(&loops.stalled);
     state_ways(directory, planned, known, is_wanted, |way| ways.add(&way)).map_err(|source| {
         FitError::Messages {
             slug: planned.slug.clone(),
@@ -216,6 +216,7 @@ struct Loops {
     controller: Lateness,
     plant: Lateness,
     stalls: StallTimes,
+    stalled: Stalled,
 }
 
 impl Loops {
@@ -226,6 +227,7 @@ impl Loops {
             controller: Lateness::default(),
             plant: Lateness::default(),
             stalls: StallTimes::default(),
+            stalled: Stalled::default(),
         }
     }
 
@@ -255,6 +257,8 @@ impl Loops {
             match late_ns >= self.step_ns / 2 {
                 true => {
                     self.stalls.add(late_ns, began_ns, self.step_ns);
+                    // It began some time after the tick before.
+                    self.stalled.add(began_ns - late_ns - self.step_ns, began_ns);
                     // What comes next does not follow on what is gone.
                     lateness.begin();
                 }
@@ -353,20 +357,53 @@ impl StallTimes {
     }
 }
 
-/// What states took on their way.
+/// When the machine may have stood still: times in order, none of which overlap.
 #[derive(Default)]
-struct Ways {
+struct Stalled(Vec<(i64, i64)>);
+
+impl Stalled {
+    fn add(&mut self, from_ns: i64, to_ns: i64) {
+        match self.0.last_mut().filter(|(_, end_ns)| from_ns <= *end_ns) {
+            Some((begin_ns, end_ns)) => {
+                *begin_ns = from_ns.min(*begin_ns);
+                *end_ns = to_ns.max(*end_ns);
+            }
+            None => self.0.push((from_ns, to_ns)),
+        }
+    }
+
+    fn has_any_of(&self, from_ns: i64, to_ns: i64) -> bool {
+        let first = self.0.partition_point(|(_, end_ns)| *end_ns < from_ns);
+        self.0.get(first).is_some_and(|(begin_ns, _)| *begin_ns <= to_ns)
+    }
+}
+
+/// What states took on their way.
+struct Ways<'a> {
+    stalled: &'a Stalled,
     of_packets: Times,
     of_reading: Times,
 }
 
-impl Ways {
+impl<'a> Ways<'a> {
+    fn beside(stalled: &'a Stalled) -> Self {
+        Self {
+            stalled,
+            of_packets: Times::default(),
+            of_reading: Times::default(),
+        }
+    }
+
     fn add(&mut self, way: &StateWay) {
-        if way.is_undisturbed {
-            self.of_packets.add(way.one_way_ns);
-            if let Some(reading_ns) = way.reading_ns {
-                self.of_reading.add(reading_ns);
-            }
+        if !way.is_undisturbed {
+            return;
+        }
+        self.of_packets.add(way.one_way_ns);
+        // What waited for the end of a stall is the stall's, which the model has beside it.
+        if let Some((there_ns, read_ns)) = way.read_ns
+            && !self.stalled.has_any_of(there_ns, read_ns)
+        {
+            self.of_reading.add(read_ns.saturating_sub(there_ns));
         }
     }
 }
@@ -442,6 +479,34 @@ mod tests {
     use serde_json::Value;
 
     use super::*;
+
+    #[test]
+    fn what_was_read_after_a_stall_is_no_reading_time() {
+        let mut stalled = Stalled::default();
+        // Two ticks of one stall, caught up together, and a stall by itself.
+        stalled.add(100, 150);
+        stalled.add(120, 151);
+        stalled.add(300, 380);
+        assert_eq!(stalled.0, [(100, 151), (300, 380)]);
+        let mut ways = Ways::beside(&stalled);
+        let read = |there_ns, read_ns| StateWay {
+            one_way_ns: 20,
+            read_ns: Some((there_ns, read_ns)),
+            is_undisturbed: true,
+        };
+        for way in [
+            read(10, 15),
+            read(110, 152),
+            read(90, 400),
+            read(151, 160),
+            read(379, 381),
+        ] {
+            ways.add(&way);
+        }
+        assert_eq!((ways.of_packets.count, ways.of_reading.count), (5, 1));
+        ways.add(&read(200, 204));
+        assert_eq!(ways.of_reading.longest_ns, 5);
+    }
 
     #[test]
     fn a_congestion_control_that_the_simulation_does_not_have_is_remarked() {

@@ -263,8 +263,8 @@ fn read_messages(
 pub struct StateWay {
     /// From the plant's wire to the controller's, of its first packet that arrived.
     pub one_way_ns: i64,
-    /// From when all of it had arrived to when the controller had read it; of states that a control step used.
-    pub reading_ns: Option<i64>,
+    /// When all of it had arrived and when the controller had read it, by the clock of the control log; of states that a control step used.
+    pub read_ns: Option<(i64, i64)>,
     /// Whether it was sent once, and nothing before it was missing when it arrived.
     pub is_undisturbed: bool,
 }
@@ -288,10 +288,7 @@ pub fn state_ways(
         {
             take(StateWay {
                 one_way_ns,
-                reading_ns: row
-                    .received_ns
-                    .zip(row.in_order_ns)
-                    .map(|(read, there)| read.saturating_sub(there)),
+                read_ns: row.in_order_ns.zip(row.received_ns),
                 is_undisturbed: row.retransmissions == 0 && row.in_order_ns == row.wire_in_ns,
             });
         }
