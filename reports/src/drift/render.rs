@@ -13,7 +13,10 @@ use std::time::Duration;
 use serde_json::json;
 
 use super::{Cause, Change, Drift, Finding, Judgement, Kind, Metric, Verdict};
-use crate::{explain::Found, present::table::p_in_words};
+use crate::{
+    explain::Found,
+    present::{listing::listed, table::p_in_words},
+};
 
 impl Drift {
     /// The verdict, what changed, and what is withdrawn: some sentences.
@@ -213,9 +216,6 @@ impl Finding {
     }
 }
 
-/// Differences of environments that are named.
-const MOST_NAMED: usize = 5;
-
 impl Cause {
     /// Its name for programs.
     const fn name(&self) -> &'static str {
@@ -239,19 +239,14 @@ impl Cause {
 /// What of it changed, the first of it; empty where nothing that is recorded did.
 fn parts_of(cause: &Cause) -> String {
     let value = |value: &Option<String>| value.clone().unwrap_or_else(|| "nothing".to_owned());
-    let mut all: Vec<String> = match cause {
-        Cause::Configuration(fields) => fields.clone(),
-        Cause::Infrastructure(differences) => differences
-            .iter()
-            .map(|it| format!("{} {} → {}", it.field, value(&it.first), value(&it.second)))
-            .collect(),
-        Cause::Unexplained => Vec::new(),
-    };
-    let more = all.len().saturating_sub(MOST_NAMED);
-    all.truncate(MOST_NAMED);
-    match more {
-        0 => all.join(", "),
-        more => format!("{} and {more} more", all.join(", ")),
+    match cause {
+        Cause::Configuration(fields) => listed(fields),
+        Cause::Infrastructure(differences) => listed(&Vec::from_iter(
+            differences
+                .iter()
+                .map(|it| format!("{} {} → {}", it.field, value(&it.first), value(&it.second))),
+        )),
+        Cause::Unexplained => String::new(),
     }
 }
 

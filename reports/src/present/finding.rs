@@ -348,13 +348,7 @@ impl Report {
                 (some > 0).then(|| format!("{some} of {all} of {}", scenario.id))
             })
             .collect();
-        let (named, rest) = some.split_at(some.len().min(MOST_NAMED));
-        let rest = match rest.len() {
-            0 => String::new(),
-            1 => ", and of 1 more scenario".to_owned(),
-            many => format!(", and of {many} more scenarios"),
-        };
-        (!named.is_empty()).then(|| format!("{}{rest}", named.join(", ")))
+        (!some.is_empty()).then(|| listed(&some))
     }
 }
 

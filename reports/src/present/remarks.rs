@@ -205,22 +205,17 @@ fn unchecked_remark(report: &Report) -> Option<String> {
 
 /// That not all scenarios ran the same experiment, and what the report makes of it.
 fn unlike_remark(report: &Report) -> Option<String> {
-    const MOST: usize = 6;
     let fields: BTreeSet<&str> = report
         .setup_differences
         .iter()
         .flat_map(|unlike| unlike.fields.iter().map(String::as_str))
         .collect();
     let fields = Vec::from_iter(fields).join(", ");
-    let mut pairs: Vec<String> = report
+    let pairs: Vec<String> = report
         .setup_differences
         .iter()
-        .take(MOST)
         .map(|unlike| format!("{} / {}", unlike.a, unlike.b))
         .collect();
-    if let Some(more @ 1..) = report.setup_differences.len().checked_sub(MOST) {
-        pairs.push(format!("{more} more"));
-    }
     let family = match report.settings.family {
         Family::Pairs(_) => "`report.family` names some of them, so they are in it all the same",
         _ => "they are left out of the family; to have them in it, name them in `report.family`",
@@ -229,7 +224,7 @@ fn unlike_remark(report: &Report) -> Option<String> {
         format!(
             "NOT THE SAME EXPERIMENT: {} differ in {fields}. What is different of them is not the platform's alone. Their \
              counts are marked with *, and {family}.",
-            pairs.join(", ")
+            listed(&pairs)
         )
     })
 }
