@@ -18,7 +18,7 @@ use statistics::{effect::student_quantile, ks::Procedure};
 
 pub use self::side::Source;
 use self::{
-    mixtures::{Design, FACTORS, Factor, MIXTURES, Mixed, OfMixtures, shapley},
+    mixtures::{DELAYS, Design, FACTORS, Factor, MIXTURES, Mixed, OfMixtures, shapley},
     side::{Observed, Side},
 };
 use crate::fit::FitError;
@@ -52,6 +52,9 @@ pub struct Explanation {
     pub runs: [String; 2],
     /// The letters of both scenarios.
     pub scenarios: [String; 2],
+    /// The letters of those that were computed and not measured.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub computed: Vec<String>,
     /// By how much the mean error of the second is larger, over all windows that count, in metres.
     pub difference_m: f64,
     /// Its interval; none with one unit.
@@ -285,33 +288,47 @@ pub fn explain(asked: [(&Source<'_>, &str); 2], effort: Effort) -> Result<Explan
     let difference_m = b.error_m() - a.error_m();
     let is_one = pairs.len() == 1;
     let of_units = |centre_m: f64, each_m: &[f64]| (!is_one).then(|| interval(centre_m, each_m));
+    let has_captures = pairs.iter().flatten().all(|observed| observed.has_captures);
     let mean_m = |each_m: &[f64]| each_m.iter().sum::<f64>() / each_m.len() as f64;
     let parts = FACTORS
         .iter()
         .enumerate()
         .map(|(factor, Factor { name, words, .. })| {
             let each_m: Vec<f64> = values.iter().map(|of| shapley(of, factor)).collect();
+            let words = match *name == DELAYS && !has_captures {
+                true => "delays of links alone",
+                false => words,
+            };
             Part {
                 factor: (*name).to_owned(),
-                words: (*words).to_owned(),
+                words: words.to_owned(),
                 part_m: mean_m(&each_m),
                 interval_m: interval(mean_m(&each_m), &each_m),
                 part_d: shapley(&distances, factor),
             }
         });
     let unexplained_m = difference_m - mean_m(&simulated_m);
-    let mut remarks: Vec<String> = pairs.iter().flatten().flat_map(|it| it.remarks.clone()).collect();
-    remarks.dedup();
+    let mut remarks: Vec<String> = Vec::new();
+    for remark in pairs.iter().flatten().flat_map(|it| &it.remarks) {
+        if !remarks.contains(remark) {
+            remarks.push(remark.clone());
+        }
+    }
     if is_one {
         remarks.push(
-            "One window a side: the intervals are over simulations of the platforms as they were fitted, and do not say what other \
-             windows would give."
+            "One window of a scenario: the intervals are over simulations of the platforms as they were fitted, and do not say what \
+             other windows would give."
                 .to_owned(),
         );
     }
     Ok(Explanation {
         runs: [&a, &b].map(|side| side.run().to_owned()),
         scenarios: [&a, &b].map(|side| side.planned.id.clone()),
+        computed: [&a, &b]
+            .into_iter()
+            .filter(|side| side.is_simulated())
+            .map(|side| side.planned.id.clone())
+            .collect(),
         difference_m,
         difference_interval_m: of_units(difference_m, &differences_m),
         difference_d: distance(&a.errors_m(), &b.errors_m()),
@@ -375,7 +392,11 @@ impl Explanation {
                 d: None,
             },
             Line {
-                words: "measured",
+                words: match self.computed.as_slice() {
+                    [] => "measured",
+                    [_] => "difference",
+                    _ => "computed",
+                },
                 m: self.difference_m,
                 interval_m: self.difference_interval_m,
                 d: Some(self.difference_d),
@@ -395,13 +416,22 @@ impl Explanation {
                 low * 1e3,
                 high * 1e3
             ),
-            _ => {
+            interval => {
                 let compared = if difference_mm < 0.0 { "smaller" } else { "larger" };
                 let difference_mm = difference_mm.abs();
-                format!("The error of {b} is {difference_mm:.2} mm {compared} than that of {a}")
+                let whose = match interval {
+                    Some(_) => "The error",
+                    None => "One window says nothing of others; in those that are compared, the error",
+                };
+                format!("{whose} of {b} is {difference_mm:.2} mm {compared} than that of {a}")
             }
         };
-        format!("{difference}. {cause}.")
+        let mark = match self.computed.as_slice() {
+            [] => String::new(),
+            [one] => format!("{one} is simulated, not measured: "),
+            _ => "Simulated, not measured: ".to_owned(),
+        };
+        format!("{mark}{difference}. {cause}.")
     }
 
     /// The largest part, as a sentence without its full stop.

@@ -45,6 +45,8 @@ pub struct FittedPlatform {
     pub slug: String,
     /// The figures.
     pub model: PlatformModel,
+    /// Whether there were captures, without which nothing is known of what messages took beside the links.
+    pub has_captures: bool,
     /// What could not be fitted, and why.
     pub remarks: Vec<String>,
 }
@@ -79,6 +81,22 @@ pub enum FitError {
         /// The run.
         run: String,
     },
+    /// There is nothing to fit in the windows that are wanted.
+    #[error(
+        "no scenario of {run} has a window {} with logs of the ball on the plate",
+        either(wanted)
+    )]
+    NoSuchWindow {
+        /// The run.
+        run: String,
+        /// Their numbers.
+        wanted: Vec<u32>,
+    },
+}
+
+fn either(numbers: &[u32]) -> String {
+    let texts: Vec<String> = numbers.iter().map(u32::to_string).collect();
+    texts.join(" or ")
 }
 
 impl FitError {
@@ -92,6 +110,7 @@ impl FitError {
             }
             Self::Messages { source, .. } => source.hint(),
             Self::NoLogs { .. } => "fit a run of the built-in experiment".to_owned(),
+            Self::NoSuchWindow { .. } => "`matrix status RUN` lists the windows that there are".to_owned(),
         }
     }
 }
@@ -109,9 +128,13 @@ pub fn fit(directory: &RunDirectory, wanted: &[u32]) -> Result<Vec<FittedPlatfor
         of_scenario(directory, run, planned, known, wanted)
     })?;
     let fitted: Vec<FittedPlatform> = fitted.into_iter().flatten().collect();
-    match fitted.is_empty() {
-        true => Err(FitError::NoLogs { run: run.clone() }),
-        false => Ok(fitted),
+    match (fitted.is_empty(), wanted) {
+        (false, _) => Ok(fitted),
+        (true, []) => Err(FitError::NoLogs { run: run.clone() }),
+        (true, wanted) => Err(FitError::NoSuchWindow {
+            run: run.clone(),
+            wanted: wanted.to_vec(),
+        }),
     }
 }
 
@@ -133,24 +156,26 @@ pub fn of_scenario(
         return Ok(None);
     }
     let mut loops = Loops::of(&planned.settings);
+    let mut ways = Ways::over(&planned.settings);
+    // Each has a clock of its own.
     for windows in runs_of_the_loop(&windows) {
-        loops.read(windows).map_err(|(window, reason)| FitError::Log {
+        let stalled = loops.read(windows).map_err(|(window, reason)| FitError::Log {
             window,
             slug: planned.slug.clone(),
             reason,
         })?;
+        let is_one = |window: u32| windows.iter().any(|(_, record)| record.window == window);
+        state_ways(directory, planned, known, is_one, |way| ways.add(&way, &stalled)).map_err(|source| {
+            FitError::Messages {
+                slug: planned.slug.clone(),
+                source,
+            }
+        })?;
     }
-    let mut ways = Ways::beside(&loops.stalled);
-    state_ways(directory, planned, known, is_wanted, |way| ways.add(&way)).map_err(|source| {
-        FitError::Messages {
-            slug: planned.slug.clone(),
-            source,
-        }
-    })?;
     let mut remarks = Vec::from_iter(other_congestion_control(directory, planned, known));
-    let links_ns = 2 * nanoseconds(planned.settings.network.delay.duration());
-    let (stack, reading) = match ways.of_packets.median_ns() {
-        Some(median_ns) => (time((median_ns - links_ns).max(0)), ways.of_reading.quantiles()),
+    let median_ns = ways.of_packets.median_ns();
+    let (stack, reading) = match median_ns {
+        Some(median_ns) => (time(median_ns), ways.of_reading.quantiles()),
         None => {
             remarks.push(
                 "no captures: what packets take beside the links, and reading, is left at nothing".to_owned(),
@@ -185,6 +210,7 @@ pub fn of_scenario(
         id: planned.id.clone(),
         slug: planned.slug.clone(),
         model,
+        has_captures: median_ns.is_some(),
         remarks,
     }))
 }
@@ -216,7 +242,6 @@ struct Loops {
     controller: Lateness,
     plant: Lateness,
     stalls: StallTimes,
-    stalled: Stalled,
 }
 
 impl Loops {
@@ -227,12 +252,12 @@ impl Loops {
             controller: Lateness::default(),
             plant: Lateness::default(),
             stalls: StallTimes::default(),
-            stalled: Stalled::default(),
         }
     }
 
-    /// Adds the windows of a run of the loop; the window that cannot be read, and why.
-    fn read(&mut self, windows: &[LoggedWindow]) -> Result<(), (u32, String)> {
+    /// Adds the windows of a run of the loop; when it stood still, or the window that cannot be read, and why.
+    fn read(&mut self, windows: &[LoggedWindow]) -> Result<Stalled, (u32, String)> {
+        let mut stalled = Stalled::default();
         let mut at = 0;
         self.controller.begin();
         self.plant.begin();
@@ -258,7 +283,7 @@ impl Loops {
                 true => {
                     self.stalls.add(late_ns, began_ns, self.step_ns);
                     // It began some time after the tick before.
-                    self.stalled.add(began_ns - late_ns - self.step_ns, began_ns);
+                    stalled.add(began_ns - late_ns - self.step_ns, began_ns);
                     // What comes next does not follow on what is gone.
                     lateness.begin();
                 }
@@ -266,7 +291,7 @@ impl Loops {
             }
         }
         self.stalls.end(self.step_ns);
-        Ok(())
+        Ok(stalled)
     }
 }
 
@@ -349,6 +374,8 @@ impl StallTimes {
     fn model(&self, settings: &Settings, windows: usize) -> StallModel {
         let hours = settings.longest_window().as_secs_f64() * windows as f64 / 3600.0;
         let per_hour = self.times.count as f64 / hours.max(f64::MIN_POSITIVE);
+        // At 250 Hz and more ticks could be late more often than a model draws stalls.
+        let per_hour = per_hour.min(StallModel::MOST_PER_HOUR);
         StallModel {
             // To three digits, for a reader.
             per_hour: format!("{per_hour:.2e}").parse().unwrap_or(per_hour),
@@ -357,7 +384,7 @@ impl StallTimes {
     }
 }
 
-/// When the machine may have stood still: times in order, none of which overlap.
+/// When the machine may have stood still in a run of the loop, by its clock: times in order, none of which overlap.
 #[derive(Default)]
 struct Stalled(Vec<(i64, i64)>);
 
@@ -379,29 +406,32 @@ impl Stalled {
 }
 
 /// What states took on their way.
-struct Ways<'a> {
-    stalled: &'a Stalled,
+struct Ways {
+    links_ns: i64,
+    /// Beside the links.
     of_packets: Times,
     of_reading: Times,
 }
 
-impl<'a> Ways<'a> {
-    fn beside(stalled: &'a Stalled) -> Self {
+impl Ways {
+    /// Over the links of a scenario.
+    fn over(settings: &Settings) -> Self {
         Self {
-            stalled,
+            links_ns: 2 * nanoseconds(settings.network.delay.duration()),
             of_packets: Times::default(),
             of_reading: Times::default(),
         }
     }
 
-    fn add(&mut self, way: &StateWay) {
+    fn add(&mut self, way: &StateWay, stalled: &Stalled) {
         if !way.is_undisturbed {
             return;
         }
-        self.of_packets.add(way.one_way_ns);
+        // The links may take a thousand times as long, and times are told apart to one in a thousand.
+        self.of_packets.add(way.one_way_ns.saturating_sub(self.links_ns));
         // What waited for the end of a stall is the stall's, which the model has beside it.
         if let Some((there_ns, read_ns)) = way.read_ns
-            && !self.stalled.has_any_of(there_ns, read_ns)
+            && !stalled.has_any_of(there_ns, read_ns)
         {
             self.of_reading.add(read_ns.saturating_sub(there_ns));
         }
@@ -488,9 +518,11 @@ mod tests {
         stalled.add(120, 151);
         stalled.add(300, 380);
         assert_eq!(stalled.0, [(100, 151), (300, 380)]);
-        let mut ways = Ways::beside(&stalled);
+        let mut settings = Settings::default();
+        settings.network.delay = TimeSpan::from_millis(100);
+        let mut ways = Ways::over(&settings);
         let read = |there_ns, read_ns| StateWay {
-            one_way_ns: 20,
+            one_way_ns: 200_000_020,
             read_ns: Some((there_ns, read_ns)),
             is_undisturbed: true,
         };
@@ -501,10 +533,11 @@ mod tests {
             read(151, 160),
             read(379, 381),
         ] {
-            ways.add(&way);
+            ways.add(&way, &stalled);
         }
         assert_eq!((ways.of_packets.count, ways.of_reading.count), (5, 1));
-        ways.add(&read(200, 204));
+        assert_eq!(ways.of_packets.median_ns(), Some(20));
+        ways.add(&read(200, 204), &stalled);
         assert_eq!(ways.of_reading.longest_ns, 5);
     }
 

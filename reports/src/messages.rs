@@ -175,7 +175,7 @@ pub fn write_messages(directory: &RunDirectory, wanted: &[String]) -> Result<Mes
         |planned: &&PlannedScenario| wanted.is_empty() || wanted.iter().any(|name| planned.is_called(name));
     let mut scenarios = Vec::new();
     for planned in plan.scenarios.iter().filter(is_wanted) {
-        let windows = captured_windows(directory, planned, &state.scenario(&planned.slug))?;
+        let windows = captured_windows(directory, planned, &state.scenario(&planned.slug), |_| true)?;
         if !windows.is_empty() {
             scenarios.push(write_scenario(directory, planned, windows)?);
         }
@@ -191,14 +191,15 @@ pub fn write_messages(directory: &RunDirectory, wanted: &[String]) -> Result<Mes
     })
 }
 
-/// The windows that are whole and have captures, whatever they are worth.
+/// Those wanted windows that are whole and have captures, whatever they are worth.
 fn captured_windows(
     directory: &RunDirectory,
     planned: &PlannedScenario,
     known: &ScenarioState,
+    is_wanted: impl Fn(u32) -> bool,
 ) -> Result<Vec<CapturedWindow>, ReadError> {
     let mut windows = Vec::new();
-    for number in 1..=planned.settings.all_windows() {
+    for number in (1..=planned.settings.all_windows()).filter(|number| is_wanted(*number)) {
         let folder = directory.window(&planned.slug, number);
         let record = match read_whole_record(&folder, number, known.window_sha256(number)) {
             Ok(record) => record,
@@ -280,8 +281,7 @@ pub fn state_ways(
     is_wanted: impl Fn(u32) -> bool,
     mut take: impl FnMut(StateWay),
 ) -> Result<(), MessagesError> {
-    let mut windows = captured_windows(directory, planned, known)?;
-    windows.retain(|window| is_wanted(window.record.window));
+    let windows = captured_windows(directory, planned, known, is_wanted)?;
     let mut sink = |row: MessageRow| {
         if row.ports.topic == Topic::State
             && let Some(one_way_ns) = row.one_way_ns

@@ -42,6 +42,9 @@ pub struct ScenarioReplay {
     pub id: String,
     /// Its slug.
     pub slug: String,
+    /// Whether it was computed and not measured.
+    #[serde(default)]
+    pub simulated: bool,
     /// Its windows that have a record, in order.
     pub windows: Vec<WindowReplay>,
 }
@@ -144,6 +147,7 @@ pub fn replay(directory: &RunDirectory) -> Result<ReplayDocument, ReplayRunError
         Ok::<_, ReadError>(ScenarioReplay {
             id: planned.id.clone(),
             slug: planned.slug.clone(),
+            simulated: planned.simulated,
             windows: of_scenario(directory, planned, known)?,
         })
     })?;

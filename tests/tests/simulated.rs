@@ -185,7 +185,7 @@ fn a_platform_is_found_again_in_what_it_did() {
     let workplace = workplace(
         "matrix: {hardware: [any], os: [any], virtualization: [simulated]}\nhosts: {here: {hardware: any, os: any}}\n\
          providers: {simulated: {platforms: platforms}}\n\
-         workload: {dynamics: robust, windows: 2, window: 500s, period: 5s}\n",
+         workload: {dynamics: robust, environments: 2, windows: 1, window: 500s, period: 5s}\n",
     );
     workplace.write(
         "platforms/any-any-simulated.yaml",
@@ -213,6 +213,8 @@ fn a_platform_is_found_again_in_what_it_did() {
     is_near(us(&found.stalls.length, 0.5) / 1000.0, 80.0, 10.0);
     is_near(found.stack.as_secs_f64() * 1e6, 300.0, 30.0);
     is_near(us(&found.reading, 0.5), 60.0, 5.0);
+    // What waited for the end of a stall is none, in the second environment either.
+    is_near(us(&found.reading, 1.0), 90.0, 5.0);
 
     let again = workplace.run(&["fit", run, "--output", "found"]);
     assert!(

@@ -227,9 +227,8 @@ fn strata(
             Vec::from_iter(side.iter().flat_map(|it| it.1.iter().copied()))
         };
         let all = [ids(&a), ids(&b)].concat();
-        let is_one_experiment = !unlike
-            .iter()
-            .any(|unlike| all.contains(&unlike.a) && all.contains(&unlike.b));
+        let has = |letter: &str| all.iter().any(|id| id == letter);
+        let is_one_experiment = !unlike.iter().any(|it| has(&it.a) && has(&it.b));
         let (of_a, of_b) = (levels(&a), levels(&b));
         let has_both = !of_a.is_empty() && !of_b.is_empty();
         (has_both && is_one_experiment).then(|| Levels {

@@ -2,7 +2,7 @@
 //! workload differ whatever they ran on, so that a difference between them says nothing of the platform. The main type is
 //! [`SetupDifference`].
 
-use std::collections::HashMap;
+use std::{collections::HashMap, sync::Arc};
 
 use record::{
     experiment::CommandExperiment,
@@ -19,12 +19,12 @@ use crate::{
 /// Two scenarios that did not run the same experiment.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct SetupDifference {
-    /// Letter of the first.
-    pub a: String,
+    /// Letter of the first. Of a thousand scenarios there are half a million pairs, which share what they have.
+    pub a: Arc<str>,
     /// Letter of the second.
-    pub b: String,
+    pub b: Arc<str>,
     /// What is not the same, such as `network.delay`; never empty.
-    pub fields: Vec<String>,
+    pub fields: Arc<[String]>,
 }
 
 impl SetupDifference {
@@ -34,21 +34,31 @@ impl SetupDifference {
         let measured = scenarios
             .iter()
             .filter(|scenario| scenario.counted().next().is_some());
-        let (letters, setups): (Vec<&str>, Vec<Value>) = measured
-            .map(|scenario| (scenario.planned.id.as_str(), setup(scenario)))
+        let (letters, setups): (Vec<Arc<str>>, Vec<Value>) = measured
+            .map(|scenario| (scenario.planned.id.as_str().into(), setup(scenario)))
             .unzip();
         let setups = Experiments::of_records(setups);
         let mut found = Vec::new();
+        let mut names: HashMap<Vec<usize>, Arc<[String]>> = HashMap::new();
         for (first, a) in letters.iter().enumerate() {
             for (second, b) in letters.iter().enumerate().skip(first + 1) {
-                let fields = setups.differing(first, second);
-                if !fields.is_empty() {
-                    found.push(Self {
-                        a: (*a).to_owned(),
-                        b: (*b).to_owned(),
-                        fields,
-                    });
+                let columns: Vec<usize> = setups.differing_columns(first, second).collect();
+                if columns.is_empty() {
+                    continue;
                 }
+                let fields = match names.get(&columns) {
+                    Some(known) => Arc::clone(known),
+                    None => {
+                        let fields: Arc<[String]> = setups.names(&columns).into();
+                        names.insert(columns, Arc::clone(&fields));
+                        fields
+                    }
+                };
+                found.push(Self {
+                    a: Arc::clone(a),
+                    b: Arc::clone(b),
+                    fields,
+                });
             }
         }
         found
@@ -111,9 +121,9 @@ impl Experiments {
         self.differing_columns(a, b).next().is_some()
     }
 
-    /// The fields in which those at two places differ, by name.
-    fn differing(&self, a: usize, b: usize) -> Vec<String> {
-        let names = self.differing_columns(a, b).filter_map(|at| self.fields.get(at));
+    /// The fields in some columns, in the order of their names.
+    fn names(&self, columns: &[usize]) -> Vec<String> {
+        let names = columns.iter().filter_map(|at| self.fields.get(*at));
         let mut names: Vec<String> = names.cloned().collect();
         names.sort_by(|one, other| one.split('.').cmp(other.split('.')));
         names
@@ -259,7 +269,8 @@ mod tests {
             for (b, second) in all.iter().enumerate() {
                 let differ = !differing_settings(first, second).is_empty();
                 assert_eq!(experiments.differ(a, b), differ, "{a} and {b}");
-                assert_eq!(experiments.differing(a, b), differing_settings(first, second));
+                let columns: Vec<usize> = experiments.differing_columns(a, b).collect();
+                assert_eq!(experiments.names(&columns), differing_settings(first, second));
             }
         }
         assert!(experiments.differ(2, 3) && !experiments.differ(0, 2));

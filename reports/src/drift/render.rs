@@ -241,11 +241,11 @@ fn parts_of(cause: &Cause) -> String {
     let value = |value: &Option<String>| value.clone().unwrap_or_else(|| "nothing".to_owned());
     match cause {
         Cause::Configuration(fields) => listed(fields),
-        Cause::Infrastructure(differences) => listed(&Vec::from_iter(
+        Cause::Infrastructure(differences) => listed(
             differences
                 .iter()
                 .map(|it| format!("{} {} → {}", it.field, value(&it.first), value(&it.second))),
-        )),
+        ),
         Cause::Unexplained => String::new(),
     }
 }

@@ -152,6 +152,15 @@ fn nights_alike_have_no_drift_and_it_is_said_what_would_have_been_found() {
     assert!(detectable < self::detectable(&judged(&nights(8, 1, |_| USUAL_M)).verdict));
 }
 
+#[test]
+fn what_would_have_been_found_is_known_from_the_nights_before() {
+    let with_newest = |off_m: f64| {
+        let level_m = |number: usize| USUAL_M + if number == 7 { off_m } else { 0.0 };
+        detectable(&judged(&nights(8, 1, level_m)).verdict)
+    };
+    assert_eq!(with_newest(0.0), with_newest(2.0 * SPREAD_M));
+}
+
 #[rstest]
 #[case::in_the_night_itself(20)]
 #[case::a_night_later(21)]

@@ -11,6 +11,8 @@ use simulation::closed_loop::Platform;
 
 use crate::analysis::simulated_errors::period_errors_m;
 
+/// The factor of which captures are needed.
+pub(super) const DELAYS: &str = "delays";
 /// What can be exchanged, in the order of the table.
 pub(super) const FACTORS: [Factor; 4] = [
     Factor {
@@ -27,7 +29,7 @@ pub(super) const FACTORS: [Factor; 4] = [
         exchange: |platform, other| platform.stalls.clone_from(&other.stalls),
     },
     Factor {
-        name: "delays",
+        name: DELAYS,
         words: "delays of messages",
         exchange: |platform, other| {
             let loss = platform.network.impairment.loss;

@@ -16,7 +16,7 @@ use crate::{
         sample::{Sample, samples},
     },
     fit::{self, FitError},
-    input::run::Run,
+    input::run::{Run, ScenarioRun},
 };
 
 /// A run whose scenarios are explained.
@@ -53,6 +53,8 @@ pub(super) struct Observed {
     pub error_m: f64,
     /// The platform that they were on, with the share of packets that the links lost.
     pub platform: Platform,
+    /// Whether it has what messages take beside the links.
+    pub has_captures: bool,
     pub remarks: Vec<String>,
 }
 
@@ -182,6 +184,7 @@ impl<'a> Side<'a> {
         let fitted = fit::of_scenario(directory, &records.manifest.run, self.planned, &known, windows)?;
         let mut settings = self.planned.settings.clone();
         let mut remarks = Vec::new();
+        let has_captures = fitted.as_ref().is_some_and(|fitted| fitted.has_captures);
         settings.simulation = fitted.map(|fitted| {
             let own = fitted.remarks.iter();
             remarks.extend(own.map(|remark| format!("{}: {remark}", self.planned.id)));
@@ -201,16 +204,25 @@ impl<'a> Side<'a> {
         Ok(Observed {
             error_m: mean_level(&own.collect::<Vec<_>>()),
             platform,
+            has_captures,
             remarks,
         })
     }
 
+    /// What the run has of it.
+    fn scenario(&self) -> Option<&ScenarioRun> {
+        let mut scenarios = self.source.run.scenarios.iter();
+        scenarios.find(|scenario| scenario.planned.id == self.planned.id)
+    }
+
+    /// Whether its numbers were computed and not measured.
+    pub fn is_simulated(&self) -> bool {
+        self.scenario().is_some_and(ScenarioRun::is_simulated)
+    }
+
     /// Of the packets that were offered to an end of a link; none if the links were not counted.
     fn share_lost(&self, windows: &[u32]) -> Option<f64> {
-        let scenarios = &self.source.run.scenarios;
-        let scenario = scenarios
-            .iter()
-            .find(|scenario| scenario.planned.id == self.planned.id)?;
+        let scenario = self.scenario()?;
         let records = scenario.counted().filter(|(window, ..)| windows.contains(window));
         let passes = records
             .flat_map(|(_, record, _)| &record.links)

@@ -109,11 +109,11 @@ fn unlike(report: &Report) -> PolarsResult<DataFrame> {
         report
             .setup_differences
             .iter()
-            .flat_map(|it| [(&it.a, &it.b, it), (&it.b, &it.a, it)])
+            .flat_map(|it| [(&*it.a, &*it.b, it), (&*it.b, &*it.a, it)])
     };
     df![
-        "a" => Vec::from_iter(both().map(|(a, ..)| a.as_str())),
-        "b" => Vec::from_iter(both().map(|(_, b, _)| b.as_str())),
+        "a" => Vec::from_iter(both().map(|(a, ..)| a)),
+        "b" => Vec::from_iter(both().map(|(_, b, _)| b)),
         "unlike" => Vec::from_iter(both().map(|(.., it)| it.fields.join(" "))),
     ]
 }

@@ -3,18 +3,27 @@
 /// Names up to which each is said. `report.json` has all of them.
 const MOST: usize = 12;
 
-/// The first names, and how many more there are: `a, b, c and 7 more`.
-pub(crate) fn listed<T: AsRef<str>>(names: &[T]) -> String {
-    let (first, more) = names.split_at(match names.len() {
+/// The first names, and how many more there are: `a, b, c and 7 more`. Only the first are made.
+pub(crate) fn listed<T: AsRef<str>>(
+    names: impl IntoIterator<Item = T, IntoIter: ExactSizeIterator>,
+) -> String {
+    let names = names.into_iter();
+    let all = names.len();
+    let named = match all {
         // One more is named in no more room than it is counted.
         few if few <= MOST + 1 => few,
         _ => MOST,
-    });
-    let first: Vec<&str> = first.iter().map(AsRef::as_ref).collect();
-    let first = first.join(", ");
-    match more.len() {
-        0 => first,
-        more => format!("{first} and {more} more"),
+    };
+    let mut text = String::new();
+    for (place, name) in names.take(named).enumerate() {
+        if place > 0 {
+            text.push_str(", ");
+        }
+        text.push_str(name.as_ref());
+    }
+    match all - named {
+        0 => text,
+        more => format!("{text} and {more} more"),
     }
 }
 

@@ -211,20 +211,16 @@ fn unlike_remark(report: &Report) -> Option<String> {
         .flat_map(|unlike| unlike.fields.iter().map(String::as_str))
         .collect();
     let fields = Vec::from_iter(fields).join(", ");
-    let pairs: Vec<String> = report
-        .setup_differences
-        .iter()
-        .map(|unlike| format!("{} / {}", unlike.a, unlike.b))
-        .collect();
+    let pairs = report.setup_differences.iter();
+    let pairs = listed(pairs.map(|unlike| format!("{} / {}", unlike.a, unlike.b)));
     let family = match report.settings.family {
         Family::Pairs(_) => "`report.family` names some of them, so they are in it all the same",
         _ => "they are left out of the family; to have them in it, name them in `report.family`",
     };
     (!report.setup_differences.is_empty()).then(|| {
         format!(
-            "NOT THE SAME EXPERIMENT: {} differ in {fields}. What is different of them is not the platform's alone. Their \
-             counts are marked with *, and {family}.",
-            listed(&pairs)
+            "NOT THE SAME EXPERIMENT: {pairs} differ in {fields}. What is different of them is not the platform's alone. Their \
+             counts are marked with *, and {family}."
         )
     })
 }

@@ -63,8 +63,8 @@ pub struct Night {
 pub struct Watched {
     /// What changed, by place.
     pub changes: Vec<Change>,
-    /// The jump that the next night would show by itself with [`crate::power::POWER`]; none where nothing is known of how nights
-    /// differ.
+    /// The jump that the newest night would have shown by itself with [`crate::power::POWER`]; none where nothing is known of how the
+    /// nights before it differ.
     pub detectable: Option<f64>,
     /// How much a night resembles the one before it.
     pub lag: Option<Lag>,
@@ -168,16 +168,16 @@ fn take_known_alone(nights: &mut [Night]) -> Vec<usize> {
 
 fn watched(nights: &[Night]) -> Watched {
     let mut state = State::default();
-    for night in nights {
-        state.step(night);
+    let mut detectable = None;
+    if let Some((newest, before)) = nights.split_last() {
+        for night in before {
+            state.step(night);
+        }
+        // What the newest itself is, is no part of what it was held against.
+        let level = newest.level * by_itself(nights.len());
+        detectable = state.prediction().map(|it| it.detectable(level));
+        state.step(newest);
     }
-    let detectable = nights.last().and_then(|newest| {
-        Some(
-            state
-                .prediction()?
-                .detectable(newest.level * by_itself(nights.len())),
-        )
-    });
     let lag = state.chart.lag();
     Watched {
         detectable,

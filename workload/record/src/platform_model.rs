@@ -63,6 +63,13 @@ pub struct Quantiles(pub Vec<Quantile>);
 #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 pub struct Quantile(pub f64, pub TimeSpan);
 
+impl StallModel {
+    /// In each part of a second one begins at most.
+    pub const PARTS_OF_A_SECOND: u32 = 100;
+    /// One in each part.
+    pub const MOST_PER_HOUR: f64 = (3600 * Self::PARTS_OF_A_SECOND) as f64;
+}
+
 impl Quantiles {
     /// No distribution needs more to be told from another.
     const MOST: usize = 1000;
@@ -145,8 +152,6 @@ impl Quantiles {
 }
 
 impl PlatformModel {
-    /// More do not leave an hour: one in each second.
-    const MOST_STALLS_PER_HOUR: f64 = 3600.0;
     /// No packet takes longer beside the links.
     const LONGEST_STACK: TimeSpan = TimeSpan::from_secs(10);
 
@@ -167,11 +172,11 @@ impl PlatformModel {
             })
             .collect();
         let per_hour = self.stalls.per_hour;
-        if !(0.0..=Self::MOST_STALLS_PER_HOUR).contains(&per_hour) {
+        if !(0.0..=StallModel::MOST_PER_HOUR).contains(&per_hour) {
             problems.push((
                 "stalls.per_hour",
                 format!("a platform does not stand still {per_hour} times an hour"),
-                "write a number from 0 to 3600",
+                "write a number from 0 to 360000",
             ));
         } else if (per_hour > 0.0) == self.stalls.length.0.is_empty() {
             problems.push((

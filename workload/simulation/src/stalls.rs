@@ -5,8 +5,6 @@ use record::platform_model::StallModel;
 
 /// From the end of the draws of one second to those of the next.
 const SECOND_NS: i64 = 1_000_000_000;
-/// A second is divided into so many parts, in each of which at most one stall begins.
-const PARTS: u64 = 100;
 
 /// All stalls of a machine, in order, for ever. Clones have the same: whatever runs on the machine has one.
 #[derive(Debug, Clone)]
@@ -65,12 +63,12 @@ impl Stalls {
         due_ns.max(self.over_ns)
     }
 
-    const PART_NS: i64 = SECOND_NS / PARTS as i64;
+    const PART_NS: i64 = SECOND_NS / StallModel::PARTS_OF_A_SECOND as i64;
 
     fn draw(&mut self) -> Option<Stall> {
         let begins_ns = self.part * Self::PART_NS;
         self.part += 1;
-        let probability = self.model.per_hour / (3600 * PARTS) as f64;
+        let probability = self.model.per_hour / StallModel::MOST_PER_HOUR;
         if self.chance.rand_float() >= probability {
             return None;
         }

@@ -4,7 +4,7 @@ use std::{fmt::Write as _, path::PathBuf};
 
 use clap::Args;
 use record::{exit::matrix::Exit, run_directory::RunDirectory};
-use reports::replay::{self, ReplayDocument, WindowReplay};
+use reports::replay::{self, ReplayDocument, ScenarioReplay, WindowReplay};
 
 use crate::cli::{
     command::options::OutputArguments,
@@ -45,7 +45,7 @@ fn text(replayed: &ReplayDocument) -> String {
     let mut text = format!("replay of {}\n", replayed.run);
     for scenario in &replayed.scenarios {
         // Writing to a String cannot fail.
-        let _ = writeln!(text, "{} {}", scenario.id, scenario.slug);
+        let _ = writeln!(text, "{} {}{}", scenario.id, scenario.slug, mark(scenario));
         for window in &scenario.windows {
             let _ = writeln!(text, "  window {}: {}", window.window, line(window));
         }
@@ -53,14 +53,24 @@ fn text(replayed: &ReplayDocument) -> String {
     text
 }
 
+/// What is said beside a scenario's name.
+const fn mark(scenario: &ScenarioReplay) -> &'static str {
+    match scenario.simulated {
+        true => " (simulated, not measured)",
+        false => "",
+    }
+}
+
 fn line(window: &WindowReplay) -> String {
     let um = |m: f64| m * 1e6;
-    let mut line = format!(
-        "{} periods, their errors differ by at most {:.4} µm, {:.4} µm in the mean",
-        window.periods,
-        um(window.largest_difference_m),
-        um(window.mean_difference_m)
-    );
+    let mut line = match window.periods {
+        0 => "no period was replayed".to_owned(),
+        periods => format!(
+            "{periods} periods, their errors differ by at most {:.4} µm, {:.4} µm in the mean",
+            um(window.largest_difference_m),
+            um(window.mean_difference_m)
+        ),
+    };
     if let Some(doubt) = window.doubt() {
         let _ = write!(line, "; SUSPECT: {doubt}");
     }

@@ -1,7 +1,7 @@
 //! The comparisons as one polars frame, and their counts as another. Comparisons that are listed are made in pieces of some hundred thousand rows,
 //! each of which is counted by a group-by. Of more than are listed there is no row: ten million are counted as they are made.
 
-use std::{ops::Range, sync::Arc};
+use std::{collections::HashMap, ops::Range, sync::Arc};
 
 use polars::{
     df,
@@ -273,10 +273,12 @@ fn as_tallies(counts: &DataFrame) -> PolarsResult<Vec<Tally>> {
     let (a, b) = (counts.column("a")?.str()?, counts.column("b")?.str()?);
     let [pairs, rejected, in_the_limit] = SUMS.map(|name| counts.column(name).and_then(|it| it.u32()));
     let (pairs, rejected, in_the_limit) = (pairs?, rejected?, in_the_limit?);
+    let mut known: HashMap<&str, Arc<str>> = HashMap::new();
+    let mut letter = |text| Arc::clone(known.entry(text).or_insert_with(|| text.into()));
     let tally = |at: usize| {
         Some(Tally {
-            a: a.get(at)?.to_owned(),
-            b: b.get(at)?.to_owned(),
+            a: letter(a.get(at)?),
+            b: letter(b.get(at)?),
             pairs: pairs.get(at)? as usize,
             rejected: rejected.get(at)? as usize,
             in_the_limit: in_the_limit.get(at)? as usize,
@@ -400,10 +402,7 @@ mod tests {
         );
         assert_eq!(listed.counts, counted.counts);
         let tallies = as_tallies(&listed.counts).unwrap();
-        let letters: Vec<_> = tallies
-            .iter()
-            .map(|tally| (tally.a.as_str(), tally.b.as_str()))
-            .collect();
+        let letters: Vec<_> = tallies.iter().map(|tally| (&*tally.a, &*tally.b)).collect();
         assert_eq!(
             letters,
             [
@@ -416,7 +415,7 @@ mod tests {
             ]
         );
         for tally in &tallies {
-            let of_both = [&tally.a, &tally.b];
+            let of_both = [&*tally.a, &*tally.b];
             let is_own = |it: &Comparison<'_>| [[it.a, it.b], [it.b, it.a]].iter().any(|ab| of_both == *ab);
             let own: Vec<Comparison<'_>> = listed.rows().filter(is_own).collect();
             let rejected = own.iter().filter(|row| row.rejected).count();

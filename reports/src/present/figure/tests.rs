@@ -56,6 +56,7 @@ fn explained() -> ExplainedPair {
     ExplainedPair::from(Explanation {
         runs: ["run", "run"].map(str::to_owned),
         scenarios: ["a", "b"].map(str::to_owned),
+        computed: Vec::new(),
         difference_m: 0.004,
         difference_interval_m: None,
         difference_d: 0.2,

@@ -2,7 +2,7 @@
 
 use std::collections::BTreeSet;
 
-use serde::{Deserialize, Serialize};
+use serde::{Deserialize, Deserializer, Serialize, de::Error as _};
 
 use crate::{
     axis::{NATIVE, SIMULATED, VIRTUALIZATION, axis_text},
@@ -31,7 +31,7 @@ pub struct PlanRecord {
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct PlannedScenario {
     /// Its letter: a, b, … z, aa, ab, …
-    #[serde(deserialize_with = "name")]
+    #[serde(deserialize_with = "letters")]
     pub id: String,
     /// Its name in files, containers and logs, such as `i686-ubuntu-native`.
     #[serde(deserialize_with = "name")]
@@ -171,6 +171,18 @@ impl PlannedScenario {
     #[must_use]
     pub fn axis(&self, name: &str) -> Option<String> {
         self.axes.get(name).map(axis_text)
+    }
+}
+
+/// Reads the letter of a scenario, of which each pair of scenarios has two.
+fn letters<'de, D: Deserializer<'de>>(from: D) -> Result<String, D::Error> {
+    const LONGEST: usize = 6;
+    let text = String::deserialize(from)?;
+    match (1..=LONGEST).contains(&text.len()) && text.bytes().all(|byte| byte.is_ascii_lowercase()) {
+        true => Ok(text),
+        false => Err(D::Error::custom(
+            "the `id` of a scenario is its letter: a, b, … z, aa, ab, …",
+        )),
     }
 }
 

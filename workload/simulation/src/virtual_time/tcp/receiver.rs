@@ -7,6 +7,7 @@
 use std::collections::VecDeque;
 
 use super::{
+    round_trip::RoundTrip,
     segment::{Ack, BLOCKS, Data, Span},
     sender::{LARGEST_SEGMENT_BYTES, us},
 };
@@ -75,11 +76,14 @@ struct Single {
 impl Receiver {
     pub fn new(jiffies: Jiffies, window: u64, round_trip_ns: i64) -> Self {
         let round_trip_us = us(round_trip_ns);
+        // Its own socket has measured the handshake, and sends nothing but a header.
+        let mut measured = RoundTrip::new();
+        measured.take(round_trip_us, 0, 0);
         Self {
             jiffies,
             window,
             round_trip_us,
-            timeout_jiffies: jiffies.of_us(round_trip_us + 5 * LEAST_DELAY_US),
+            timeout_jiffies: jiffies.of_us(measured.timeout_us()),
             next: 0,
             acked: 0,
             read: 0,
@@ -270,10 +274,11 @@ impl Receiver {
         let least = self.jiffies.of_us(LEAST_DELAY_US);
         let mut delay = self.delay_jiffies;
         if delay > least {
-            let longest = if self.when_read { LONGEST_DELAY_US } else { 500_000 };
             let round_trip = self.jiffies.of_us(self.round_trip_us).max(least);
-            delay = delay.min(self.jiffies.of_us(longest)).min(round_trip);
+            delay = delay.min(round_trip);
         }
+        // `icsk_delack_max`.
+        delay = delay.min(self.jiffies.of_us(LONGEST_DELAY_US));
         let expiry = self.jiffies.after(now_ns, delay);
         if let Some(set) = self.delayed {
             if set.jiffy <= self.jiffies.count(now_ns) + delay / 4 {
