@@ -43,7 +43,8 @@ impl Holder {
         Self {
             pid: std::process::id(),
             machine: rustix::system::uname().nodename().to_string_lossy().into_owned(),
-            run_directory: run_directory.to_owned(),
+            // Who reads it may be in another folder.
+            run_directory: std::path::absolute(run_directory).unwrap_or_else(|_| run_directory.to_owned()),
             since: crate::journal::now(),
         }
     }

@@ -71,29 +71,36 @@ impl<'a> Pruned<&'a Night> {
     }
 }
 
+/// The night of a run directory that its user named.
+///
+/// # Errors
+/// As [`night_in`].
+pub fn night_of(path: &Path) -> Result<Night, ReadError> {
+    night_in(&RunDirectory::new(path))
+}
+
 /// The night of a run directory, from what was kept of it or from all of it.
 ///
 /// # Errors
 /// When nothing that is true was kept and the run cannot be read.
-pub fn night_of(path: &Path) -> Result<Night, ReadError> {
-    let directory = RunDirectory::new(path);
-    if let Some(night) = of_pruned(&directory)? {
+pub fn night_in(directory: &RunDirectory) -> Result<Night, ReadError> {
+    if let Some(night) = of_pruned(directory)? {
         return Ok(night);
     }
     // Before it is read: what changes meanwhile is read again the next time.
-    let made_from = state_of(&directory).ok();
+    let made_from = state_of(directory).ok();
     let kept = made_from
         .as_ref()
-        .and_then(|made_from| read(&file_of(&directory), made_from));
+        .and_then(|made_from| read(&file_of(directory), made_from));
     if let Some(night) = kept {
         return Ok(night);
     }
-    let run = crate::load(path)?;
+    let run = crate::load_from(directory, None)?;
     let night = Night::of(&run, &traffic::read(&run));
     if let Some(made_from) = made_from {
         // See the module's header.
         let _ = write(
-            &directory,
+            directory,
             &Kept {
                 format: FORMAT,
                 made_from,

@@ -255,19 +255,26 @@ pub fn load(path: impl AsRef<Path>) -> Result<Run, ReadError> {
     load_by(path.as_ref(), None)
 }
 
+/// Reads a run directory by its path for the error of other positions than its settings ask for where that is said.
+///
+/// # Errors
+/// As [`load_from`].
+pub fn load_by(path: &Path, error: Option<ErrorOf>) -> Result<Run, ReadError> {
+    load_from(&RunDirectory::new(path), error)
+}
+
 /// Reads a run directory, scenarios side by side, for the error of other positions than its settings ask for where that is
 /// said. Logs are read once and digested: of a run of 28 windows of 6000 s, some megabytes stay.
 ///
 /// # Errors
 /// When it is missing, half-written, damaged or of a later format, and when the system does not let a file be read.
-pub fn load_by(path: &Path, error: Option<ErrorOf>) -> Result<Run, ReadError> {
-    let directory = RunDirectory::new(path);
+pub fn load_from(directory: &RunDirectory, error: Option<ErrorOf>) -> Result<Run, ReadError> {
     let RunRecords {
         manifest,
         plan,
         journal,
         mut state,
-    } = RunRecords::read_unpruned(&directory)?;
+    } = RunRecords::read_unpruned(directory)?;
     let error = error.unwrap_or(manifest.report.error);
     let mut stays = overheads::stays(&journal);
     let with_state = |planned: PlannedScenario| {
@@ -283,7 +290,7 @@ pub fn load_by(path: &Path, error: Option<ErrorOf>) -> Result<Run, ReadError> {
     let scenarios: Vec<Result<ScenarioRun, ReadError>> = scenarios
         .into_par_iter()
         .map(|(planned, state, overheads_s)| {
-            let scenario = load_scenario(&directory, planned, state, &journal, error)?;
+            let scenario = load_scenario(directory, planned, state, &journal, error)?;
             Ok(ScenarioRun {
                 overheads_s,
                 experiment_sha256: manifest.experiment_sha256.clone(),
@@ -296,7 +303,7 @@ pub fn load_by(path: &Path, error: Option<ErrorOf>) -> Result<Run, ReadError> {
     remarks.extend(scenarios.iter().filter_map(ScenarioRun::remark));
     Ok(Run {
         report_folder: directory.report(),
-        parts: vec![RunPart::of(directory, &manifest, &scenarios, &journal)],
+        parts: vec![RunPart::of(directory.clone(), &manifest, &scenarios, &journal)],
         remarks,
         manifest,
         error,

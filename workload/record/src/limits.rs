@@ -27,10 +27,12 @@ const MEBIBYTE: rlim_t = 1 << 20;
 #[derive(Debug, thiserror::Error)]
 pub enum LimitError {
     /// Too few open files, by the hard limit.
-    #[error("this process may open {limit} files, and {OPEN_FILES} are needed")]
+    #[error("this process may open {limit} files, and {needed} are needed")]
     OpenFiles {
         /// The hard limit.
         limit: rlim_t,
+        /// What is needed.
+        needed: rlim_t,
     },
     /// Too little address space.
     #[error("this process may have {} MiB of address space, and {} MiB are needed", limit / MEBIBYTE, ADDRESS_SPACE / MEBIBYTE)]
@@ -48,9 +50,8 @@ impl LimitError {
     #[must_use]
     pub fn hint(&self) -> String {
         match self {
-            Self::OpenFiles { .. } | Self::Refused(_) => format!(
-                "raise the limit with `ulimit -n {OPEN_FILES}`, `LimitNOFILE=` of the service or the container's `nofile`"
-            ),
+            Self::OpenFiles { needed, .. } => raise(*needed),
+            Self::Refused(_) => raise(OPEN_FILES),
             Self::AddressSpace { .. } => {
                 "raise the limit with `ulimit -v unlimited` or `LimitAS=` of the service".to_owned()
             }
@@ -63,20 +64,38 @@ impl LimitError {
 /// # Errors
 /// When a limit is below what is needed.
 pub fn check() -> Result<(), LimitError> {
-    let refused = |errno: Errno| LimitError::Refused(errno.into());
-    let (soft, hard) = getrlimit(Resource::RLIMIT_NOFILE).map_err(refused)?;
-    if hard < OPEN_FILES {
-        return Err(LimitError::OpenFiles { limit: hard });
-    }
-    if soft < OPEN_FILES {
-        setrlimit(Resource::RLIMIT_NOFILE, OPEN_FILES, hard).map_err(refused)?;
-    }
+    ensure_open_files(OPEN_FILES)?;
     // Whoever sets a soft limit of this means it: there is none by default.
     let (limit, _) = getrlimit(Resource::RLIMIT_AS).map_err(refused)?;
     if limit < ADDRESS_SPACE {
         return Err(LimitError::AddressSpace { limit });
     }
     Ok(())
+}
+
+/// Raises the soft limit of open files to so many if it is below. Children inherit it.
+///
+/// # Errors
+/// When the hard limit is below.
+pub fn ensure_open_files(needed: rlim_t) -> Result<(), LimitError> {
+    let (soft, hard) = getrlimit(Resource::RLIMIT_NOFILE).map_err(refused)?;
+    if hard < needed {
+        return Err(LimitError::OpenFiles { limit: hard, needed });
+    }
+    if soft < needed {
+        setrlimit(Resource::RLIMIT_NOFILE, needed, hard).map_err(refused)?;
+    }
+    Ok(())
+}
+
+fn refused(errno: Errno) -> LimitError {
+    LimitError::Refused(errno.into())
+}
+
+fn raise(needed: rlim_t) -> String {
+    format!(
+        "raise the limit with `ulimit -n {needed}`, `LimitNOFILE=` of the service or the container's `nofile`"
+    )
 }
 
 /// A write beyond the limit of a file's length (`ulimit -f`) fails with [`io::ErrorKind::FileTooLarge`] in this thread and all that

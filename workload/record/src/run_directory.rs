@@ -35,7 +35,10 @@ mod records;
 mod state;
 mod whole;
 
-use std::path::{Path, PathBuf};
+use std::{
+    io,
+    path::{Path, PathBuf},
+};
 
 pub use cap_std::fs::OpenOptions;
 pub use chain::Chain;
@@ -71,6 +74,20 @@ impl RunDirectory {
     /// The run directory at `path`.
     pub fn new(path: impl Into<PathBuf>) -> Self {
         Self(Place::root(path))
+    }
+
+    /// One that was found in a folder of run directories, which may be anyone's: it is opened through no link.
+    #[must_use]
+    pub fn found(place: &Place) -> Self {
+        Self(place.as_root())
+    }
+
+    /// The same one, not held open: it is opened anew when it is looked at, and must be the same folder then.
+    ///
+    /// # Errors
+    /// When it cannot be opened now.
+    pub fn to_reopen(&self) -> io::Result<Self> {
+        self.0.to_reopen().map(Self)
     }
 
     /// The directory itself.

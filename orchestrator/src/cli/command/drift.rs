@@ -12,7 +12,7 @@ use record::{
     causes::with_causes,
     exit::matrix::Exit,
     quantity::Length,
-    run_directory::{Place, RunDirectory},
+    run_directory::{Kind, Place, ReadError, RunDirectory},
 };
 use reports::{
     drift::{
@@ -104,7 +104,7 @@ pub fn execute(arguments: &DriftArguments) -> Result<Exit, CommandError> {
     settings.equivalence_margins.extend(asked);
     let Chosen {
         nights,
-        paths,
+        directories,
         judge,
         left_out,
         ..
@@ -124,11 +124,17 @@ pub fn execute(arguments: &DriftArguments) -> Result<Exit, CommandError> {
         )),
         _ => found,
     };
-    found
-        .explain(|scenario, runs, asked| explained(&paths, scenario, runs, Effort::default().divided(asked)));
+    found.explain(|scenario, runs, asked| {
+        explained(&directories, scenario, runs, Effort::default().divided(asked))
+    });
     found.find_reports(|run| {
-        let report = paths.get(run)?.join("report/report.html");
-        report.is_file().then_some(report)
+        let report = directories
+            .get(run)?
+            .to_reopen()
+            .ok()?
+            .report()
+            .join("report.html");
+        matches!(report.kind(), Ok(Some(Kind::File))).then(|| report.path())
     });
     let contrasts = arguments
         .between_scenarios
@@ -149,8 +155,8 @@ pub fn execute(arguments: &DriftArguments) -> Result<Exit, CommandError> {
 struct Chosen {
     /// The one that is judged is the last.
     nights: Vec<Night>,
-    /// The run directory of each, by the run's name.
-    paths: BTreeMap<String, PathBuf>,
+    /// The run directory of each, by the run's name. None is held open.
+    directories: BTreeMap<String, RunDirectory>,
     judge: fn(&[Night], &Settings) -> Drift,
     /// The file of what is known, beside the run directories. It may have come with them.
     beside: Option<Place>,
@@ -169,17 +175,19 @@ impl Chosen {
     /// One run that was killed as it began must not end every night's check: what cannot be read is left out and said, and if it
     /// is the newest, nothing is known of tonight.
     fn of_history(folder: &Path) -> Result<Self, CommandError> {
-        let (mut nights, mut paths) = (Vec::new(), BTreeMap::new());
+        let (mut nights, mut directories) = (Vec::new(), BTreeMap::new());
         let mut left_out = LeftOut::default();
-        for path in runs_in(folder)? {
+        let history = Place::root(folder);
+        for run in runs_in(&history)? {
             left_out.newest = None;
-            match drift::digest::night_of(&path) {
-                Ok(night) => {
-                    paths.insert(night.run.clone(), path);
+            // It is open from here to the end of the loop.
+            match night(&RunDirectory::found(&run)) {
+                Ok((night, directory)) => {
+                    directories.insert(night.run.clone(), directory);
                     nights.push(night);
                 }
                 Err(error) => {
-                    let what = format!("{} cannot be read: {}", path.display(), with_causes(&error));
+                    let what = format!("{run} cannot be read: {}", with_causes(&error));
                     left_out
                         .remarks
                         .push(format!("left out: {what}; {}", error.hint()));
@@ -189,9 +197,9 @@ impl Chosen {
         }
         Ok(Self {
             nights: in_order(nights),
-            paths,
+            directories,
             judge: drift::history::judge,
-            beside: Some(Place::root(folder).join(KNOWN)).filter(Place::exists),
+            beside: Some(history.join(KNOWN)).filter(Place::exists),
             left_out,
         })
     }
@@ -210,12 +218,12 @@ impl Chosen {
     }
 
     fn to_compare(baseline: &[PathBuf], candidate: Option<&PathBuf>) -> Result<Self, CommandError> {
-        let mut paths = BTreeMap::new();
-        let mut nights = in_order(read(baseline, &mut paths)?);
-        nights.extend(read(candidate, &mut paths)?);
+        let mut directories = BTreeMap::new();
+        let mut nights = in_order(read(baseline, &mut directories)?);
+        nights.extend(read(candidate, &mut directories)?);
         Ok(Self {
             nights,
-            paths,
+            directories,
             judge: drift::baseline::judge,
             beside: None,
             left_out: LeftOut::default(),
@@ -225,8 +233,8 @@ impl Chosen {
 
 /// A folder of run directories, for `matrix prune`.
 pub(super) struct History {
-    /// Each night with its run directory, the earliest first.
-    pub(super) nights: Vec<(Night, PathBuf)>,
+    /// Each night with its run directory, the earliest first. None is held open.
+    pub(super) nights: Vec<(Night, RunDirectory)>,
     /// The names of the runs between which something changed that nobody has acknowledged.
     pub(super) told_of: BTreeSet<String>,
     /// Run directories that cannot be read, and why.
@@ -247,13 +255,13 @@ impl History {
             .into_iter()
             .flat_map(|judgement| judgement.findings);
         let open = findings.filter(Finding::is_news);
-        let paths = &mut chosen.paths;
-        let with_path = |night: Night| {
-            let path = paths.remove(&night.run)?;
-            Some((night, path))
+        let directories = &mut chosen.directories;
+        let with_directory = |night: Night| {
+            let directory = directories.remove(&night.run)?;
+            Some((night, directory))
         };
         Ok(Self {
-            nights: chosen.nights.into_iter().filter_map(with_path).collect(),
+            nights: chosen.nights.into_iter().filter_map(with_directory).collect(),
             told_of: open.flat_map(|finding| [finding.before, finding.since]).collect(),
             unreadable: chosen.left_out.remarks,
         })
@@ -261,11 +269,21 @@ impl History {
 }
 
 /// What a change of a scenario's tracking error from one run to another comes from.
-fn explained(paths: &BTreeMap<String, PathBuf>, scenario: &str, runs: [&str; 2], effort: Effort) -> Found {
+fn explained(
+    directories: &BTreeMap<String, RunDirectory>,
+    scenario: &str,
+    runs: [&str; 2],
+    effort: Effort,
+) -> Found {
+    // Of each judged run there is one.
+    let directory = |run: &str| match directories.get(run) {
+        Some(directory) => reopened(directory),
+        None => Ok(RunDirectory::new("")),
+    };
     let attempt = || {
-        let [before, since] = runs.map(|run| RunDirectory::new(paths.get(run).cloned().unwrap_or_default()));
-        let run_before = reports::load(before.path())?;
-        let run_since = reports::load(since.path())?;
+        let (before, since) = (directory(runs[0])?, directory(runs[1])?);
+        let run_before = reports::load_from(&before, None)?;
+        let run_since = reports::load_from(&since, None)?;
         let sides = [Source::of(&before, &run_before)?, Source::of(&since, &run_since)?];
         explain(sides.each_ref().map(|side| (side, scenario)), effort)
     };
@@ -294,48 +312,50 @@ fn is_older(created: Option<&str>, now: SystemTime, than: Duration) -> bool {
     created.is_none_or(|created| now.duration_since(created).is_ok_and(|age| age > than))
 }
 
-/// The run directories of a folder.
-fn runs_in(folder: &Path) -> Result<Vec<PathBuf>, CommandError> {
-    let list = || -> io::Result<Vec<PathBuf>> {
-        let mut runs = Vec::new();
-        for entry in fs::read_dir(folder)? {
-            let path = entry?.path();
-            // Other things may lie there, and `latest`, the link to one of them.
-            if !path.is_symlink() && path.join("manifest.json").exists() {
-                runs.push(path);
-            }
-        }
-        runs.sort();
-        Ok(runs)
-    };
-    let runs = list().map_err(|error| {
+/// The run directories of a folder, by name. Other things may lie there, and `latest`, the link to one of them.
+fn runs_in(history: &Place) -> Result<Vec<Place>, CommandError> {
+    let mut runs = history.entries().map_err(|error| {
         wrong(
-            folder,
+            history.base(),
             &error,
             "give the folder with the run directories, such as `runs`",
         )
     })?;
+    runs.retain(|(place, kind)| *kind == Kind::Folder && place.join("manifest.json").exists());
     match runs.is_empty() {
         true => Err(CommandError {
-            what: format!("{} has no run directory in it", folder.display()).into(),
+            what: format!("{history} has no run directory in it").into(),
             hint: Some("give the folder with the run directories, such as `runs`".to_owned()),
             exit: Exit::Wrong,
         }),
-        false => Ok(runs),
+        false => Ok(runs.into_iter().map(|(place, _)| place).collect()),
     }
 }
 
 fn read<'a>(
     runs: impl IntoIterator<Item = &'a PathBuf>,
-    paths: &mut BTreeMap<String, PathBuf>,
+    directories: &mut BTreeMap<String, RunDirectory>,
 ) -> Result<Vec<Night>, CommandError> {
     runs.into_iter()
         .map(|path| {
-            let night = drift::digest::night_of(path).map_err(|error| unreadable(&error))?;
-            paths.insert(night.run.clone(), path.clone());
+            let (night, directory) = night(&RunDirectory::new(path)).map_err(|error| unreadable(&error))?;
+            directories.insert(night.run.clone(), directory);
             Ok(night)
         })
         .collect()
+}
+
+/// The night of a run directory, and the directory for a later look, which must find the same one.
+fn night(directory: &RunDirectory) -> Result<(Night, RunDirectory), ReadError> {
+    let night = drift::digest::night_in(directory)?;
+    Ok((night, reopened(directory)?))
+}
+
+fn reopened(directory: &RunDirectory) -> Result<RunDirectory, ReadError> {
+    directory.to_reopen().map_err(|source| ReadError::Io {
+        path: directory.path().to_owned(),
+        source,
+    })
 }
 
 fn in_order(mut nights: Vec<Night>) -> Vec<Night> {
@@ -427,15 +447,64 @@ mod tests {
         let folder = tempfile::tempdir().unwrap();
         let history = folder.path().join("history");
         fs::create_dir(&history).unwrap();
-        let recorded = concat!(env!("CARGO_MANIFEST_DIR"), "/../tests/fixtures/recorded");
-        let mut copy = Command::new("cp");
-        copy.args(["-r", recorded]).arg(history.join("run"));
-        assert!(start(|| copy.status()).unwrap().success());
+        copy_of_recorded(&history.join("run"));
         make(&history.join(KNOWN));
         let command = DriftArguments::augment_args(clap::Command::new("drift"));
         let words = command.get_matches_from(["drift".as_ref(), history.as_os_str()]);
         let error = execute(&DriftArguments::from_arg_matches(&words).unwrap()).unwrap_err();
         serde_json::to_string(&error.to_json()).unwrap()
+    }
+
+    /// A copy of a run that was recorded.
+    fn copy_of_recorded(to: &Path) {
+        let recorded = concat!(env!("CARGO_MANIFEST_DIR"), "/../tests/fixtures/recorded");
+        let mut copy = Command::new("cp");
+        copy.args(["-r", recorded]).arg(to);
+        assert!(start(|| copy.status()).unwrap().success());
+    }
+
+    #[test]
+    fn a_run_that_is_exchanged_after_it_was_read_is_refused() {
+        let folder = tempfile::tempdir().unwrap();
+        let (history, victim) = (folder.path().join("history"), folder.path().join("victim"));
+        fs::create_dir(&history).unwrap();
+        copy_of_recorded(&history.join("run"));
+        copy_of_recorded(&victim);
+        for with_a_link in [true, false] {
+            let (_, directory) = History::read(&history).unwrap().nights.pop().unwrap();
+            let away = folder.path().join("away");
+            fs::rename(history.join("run"), &away).unwrap();
+            match with_a_link {
+                true => symlink(&victim, history.join("run")).unwrap(),
+                false => fs::rename(&victim, history.join("run")).unwrap(),
+            }
+            assert!(reports::load_from(&directory, None).is_err());
+            assert!(directory.manifest().remove_file().is_err());
+            assert!(history.join("run/manifest.json").exists());
+            if with_a_link {
+                fs::remove_file(history.join("run")).unwrap();
+                fs::rename(&away, history.join("run")).unwrap();
+                reports::load_from(&directory, None).unwrap();
+            }
+        }
+    }
+
+    #[test]
+    fn a_history_holds_no_run_directory_open() {
+        let folder = tempfile::tempdir().unwrap();
+        let real = folder.path().canonicalize().unwrap();
+        for run in ["a", "b", "c"] {
+            copy_of_recorded(&real.join(run));
+        }
+        let history = Place::root(&real);
+        let runs = runs_in(&history).unwrap();
+        let kept: Vec<_> = runs
+            .iter()
+            .map(|run| night(&RunDirectory::found(run)).unwrap())
+            .collect();
+        let handles = fs::read_dir("/proc/self/fd").unwrap().flatten();
+        let into = handles.filter(|entry| fs::read_link(entry.path()).is_ok_and(|to| to.starts_with(&real)));
+        assert_eq!((kept.len(), into.count()), (3, 1));
     }
 
     #[test]

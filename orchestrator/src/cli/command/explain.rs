@@ -44,8 +44,8 @@ pub(super) struct ExplainDocument<'a>(&'a [ExplainedPair]);
 /// # Errors
 /// When the run directory cannot be read, there are no such scenarios, or they are not the same experiment.
 pub fn execute(arguments: &ExplainArguments) -> Result<Exit, CommandError> {
-    let run = reports::load(&arguments.run).map_err(|error| unreadable(&error))?;
     let directory = RunDirectory::new(&arguments.run);
+    let run = reports::load_from(&directory, None).map_err(|error| unreadable(&error))?;
     let source = Source::of(&directory, &run).map_err(|error| unreadable(&error))?;
     let effort = Effort {
         seed: arguments.seed.into(),

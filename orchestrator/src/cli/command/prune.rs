@@ -1,9 +1,9 @@
 //! `matrix prune DIR --keep N`: removes what was measured in all runs but the newest, and keeps of each what `matrix drift` needs.
 
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 
 use clap::{Args, ValueHint};
-use record::{causes::with_causes, exit::matrix::Exit};
+use record::{causes::with_causes, exit::matrix::Exit, run_directory::RunDirectory};
 use reports::drift::{Night, pruning::Measurements};
 use schemars::JsonSchema;
 use serde::Serialize;
@@ -107,19 +107,20 @@ pub fn execute(arguments: &PruneArguments) -> Result<Exit, CommandError> {
     } = History::read(&arguments.folder)?;
     let first_kept = nights.len().saturating_sub(arguments.keep);
     let runs = nights.into_iter().enumerate().map(|(at, (night, directory))| {
+        let path = directory.path().to_owned();
         let kept = |reason: &str| (Fate::Kept(reason.to_owned()), 0, 0);
         let (fate, files, bytes) = if at >= first_kept {
             kept("it is one of the newest")
         } else if told_of.contains(&night.run) {
             kept("`matrix drift` found a change there that nobody has acknowledged")
         } else {
-            match prune(&directory, &night, arguments.dry_run) {
+            match prune(directory, &night, arguments.dry_run) {
                 Ok(pruned) => pruned,
                 Err(error) => (Fate::NotPruned(error.to_string()), 0, 0),
             }
         };
         PrunedRecord {
-            directory,
+            directory: path,
             fate: fate.name(),
             reason: fate.reason(),
             files,
@@ -152,14 +153,13 @@ impl NotPruned {
 }
 
 /// Removes what was measured in one run, while nobody else works on it; how many files, and their bytes.
-fn prune(path: &Path, night: &Night, only_say: bool) -> Result<(Fate, usize, u64), NotPruned> {
-    let directory = RecordedRun::directory(path).map_err(|error| NotPruned::of(&error))?;
+fn prune(directory: RunDirectory, night: &Night, only_say: bool) -> Result<(Fate, usize, u64), NotPruned> {
     let _lock = lock(&directory, &night.run).map_err(|error| NotPruned::of(&error))?;
     let recorded = RecordedRun::read(&directory).map_err(|error| NotPruned::of(&error))?;
     if session::exit(&recorded.state, &recorded.plan) == Exit::Interrupted {
         let reason = format!(
             "it is not finished: `matrix resume {}` goes on with it",
-            escaping::pasted(path)
+            escaping::pasted(directory.path())
         );
         return Ok((Fate::Kept(reason), 0, 0));
     }

@@ -8,6 +8,7 @@ use std::{
 use clap::Args;
 use record::{
     exit::matrix::Exit,
+    limits,
     run_directory::{ReadError, RunDirectory, RunRecords},
 };
 use reports::redaction::{self, CopyError, Redaction};
@@ -55,11 +56,14 @@ pub struct RedactDocument<'a> {
 /// # Errors
 /// When a run cannot be read, or its copy not be written or read again.
 pub fn execute(arguments: &RedactArguments) -> Result<Exit, CommandError> {
-    let redaction = redaction(&arguments.runs, &arguments.also)?;
-    let copies = arguments
-        .runs
+    let runs: Vec<RunDirectory> = arguments.runs.iter().map(RunDirectory::new).collect();
+    // Each is open until it is copied.
+    limits::ensure_open_files(limits::OPEN_FILES + runs.len() as u64)
+        .map_err(|error| CommandError::new(Exit::Infrastructure, &error, Some(error.hint())))?;
+    let redaction = redaction(&runs, &arguments.also)?;
+    let copies = runs
         .iter()
-        .map(|run| copy(&RunDirectory::new(run), &arguments.into, &redaction))
+        .map(|run| copy(run, &arguments.into, &redaction))
         .collect::<Result<Vec<_>, _>>()?;
     if arguments.output.json {
         terminal::json(&RedactDocument {

@@ -12,6 +12,7 @@ use clap::{
 };
 use record::{
     exit::matrix::Exit,
+    limits,
     report_settings::ReportSettings,
     run_directory::{Place, PlannedScenario, ReadError, RunDirectory},
 };
@@ -184,8 +185,9 @@ impl ReportArguments {
 /// # Errors
 /// When a run directory cannot be read, runs do not fit together or the report folder cannot be written.
 pub fn execute(arguments: &ReportArguments) -> Result<Exit, CommandError> {
-    let only = match arguments.runs.as_slice() {
-        [only] => Some(RunDirectory::new(only)),
+    let directories: Vec<RunDirectory> = arguments.runs.iter().map(RunDirectory::new).collect();
+    let only = match directories.as_slice() {
+        [only] => Some(only),
         _ if arguments.explain || arguments.replay || arguments.sensitivity => {
             return Err(wrong(
                 "`--explain`, `--replay` and `--sensitivity` are of one run directory".to_owned(),
@@ -194,7 +196,7 @@ pub fn execute(arguments: &ReportArguments) -> Result<Exit, CommandError> {
         }
         _ => None,
     };
-    let mut run = read(arguments)?;
+    let mut run = read(arguments, &directories)?;
     if let Some(folder) = &arguments.into {
         ensure_may_hold_a_report(folder)?;
         run.report_folder = Place::root(folder);
@@ -207,7 +209,7 @@ pub fn execute(arguments: &ReportArguments) -> Result<Exit, CommandError> {
     let asks_for_more = !options.is_empty() || arguments.explain || arguments.replay || arguments.sensitivity;
     let settings = arguments.settings(&run, options)?;
     let mut report = reports::analyse(&run, reports::input::traffic::read(&run), &settings);
-    if let Some(directory) = &only {
+    if let Some(directory) = only {
         if arguments.explain {
             let source = Source::of(directory, &run).map_err(|error| unreadable(&error))?;
             report.causes = explain_pairs(&source, report.differing_pairs(), Effort::default());
@@ -219,7 +221,7 @@ pub fn execute(arguments: &ReportArguments) -> Result<Exit, CommandError> {
         }
         if arguments.sensitivity {
             // A run without the plant's log has no true positions, and its table has no such row.
-            let other = reports::load_by(directory.path(), Some(other_positions(run.error))).ok();
+            let other = reports::load_from(directory, Some(other_positions(run.error))).ok();
             report.other_ways = other_ways(&report, &run, other.as_ref());
         }
     }
@@ -230,10 +232,7 @@ pub fn execute(arguments: &ReportArguments) -> Result<Exit, CommandError> {
         (true, _) => terminal::json(&page.json()),
         (_, true) => terminal::result(&page.markdown()),
         _ => {
-            let full = match only
-                .as_ref()
-                .filter(|_| !asks_for_more && arguments.into.is_none())
-            {
+            let full = match only.filter(|_| !asks_for_more && arguments.into.is_none()) {
                 Some(run) => format!("`matrix report {} --full`", escaping::pasted(run.path())),
                 None => "the same command with `--full`".to_owned(),
             };
@@ -251,13 +250,16 @@ pub fn execute(arguments: &ReportArguments) -> Result<Exit, CommandError> {
 }
 
 /// The run that is to be reported, put together where there are several, with the settings that it is to be reported by.
-fn read(arguments: &ReportArguments) -> Result<Run, CommandError> {
+fn read(arguments: &ReportArguments, directories: &[RunDirectory]) -> Result<Run, CommandError> {
     if arguments.runs.len() > 1 && arguments.into.is_none() {
         return Err(wrong(
             "several runs have no report folder in common".to_owned(),
             "say where their report goes: `--output DIR`",
         ));
     }
+    // Each is open until the report is written.
+    limits::ensure_open_files(limits::OPEN_FILES + directories.len() as u64)
+        .map_err(|error| CommandError::new(Exit::Infrastructure, &error, Some(error.hint())))?;
     // Before anything else: logs are read for it.
     let error = match &arguments.error {
         None => None,
@@ -269,21 +271,20 @@ fn read(arguments: &ReportArguments) -> Result<Run, CommandError> {
                 .error,
         ),
     };
-    let load = |path: &PathBuf| {
-        let mut run = reports::load_by(path, error).map_err(|error| unreadable(&error))?;
+    let load = |directory: &RunDirectory| {
+        let mut run = reports::load_from(directory, error).map_err(|error| unreadable(&error))?;
         // What the call says settles what several runs declared otherwise.
         if arguments.runs.len() > 1 {
             run.manifest.report = arguments.settings(&run, arguments.of_samples())?;
         }
         Ok(run)
     };
-    let mut runs: Vec<Run> = arguments
-        .runs
+    let mut runs: Vec<Run> = directories
         .iter()
         .map(load)
         .collect::<Result<_, CommandError>>()?;
     let redaction = match arguments.redact {
-        true => Some(redaction(&arguments.runs, &arguments.also)?),
+        true => Some(redaction(directories, &arguments.also)?),
         false => None,
     };
     let repeated = match arguments.by_run {
@@ -330,9 +331,8 @@ fn wrong(what: String, hint: &str) -> CommandError {
 ///
 /// # Errors
 /// When one cannot be read.
-pub(super) fn redaction(runs: &[PathBuf], also: &[String]) -> Result<Redaction, CommandError> {
-    let directories: Vec<RunDirectory> = runs.iter().map(RunDirectory::new).collect();
-    Redaction::of(&directories, also).map_err(|error| unreadable(&error))
+pub(super) fn redaction(runs: &[RunDirectory], also: &[String]) -> Result<Redaction, CommandError> {
+    Redaction::of(runs, also).map_err(|error| unreadable(&error))
 }
 
 /// A redacted run that cannot be read any more.

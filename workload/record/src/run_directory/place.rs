@@ -3,30 +3,136 @@
 //! [`Place`].
 //!
 //! A path would be opened through whatever links it has. A place is not a path, so that nothing opens it by mistake.
+//!
+//! The folder is opened once, and its handle is kept by all places in it: whoever may rename it could otherwise put another in its
+//! place between two looks, and have that one read and written.
 
 use std::{
+    cmp::Ordering,
     ffi::OsStr,
     fmt, fs,
     fs::File,
+    hash::{Hash, Hasher},
     io::{self, BufWriter, Read as _, Seek as _, Write as _},
     os::unix::fs::MetadataExt as _,
     path::{Component, Path, PathBuf},
+    sync::{Arc, OnceLock},
 };
 
 use cap_fs_ext::{DirExt as _, FollowSymlinks, OpenOptionsFollowExt as _};
 use cap_std::{
     ambient_authority,
-    fs::{Dir, FileType, OpenOptions, OpenOptionsExt as _},
+    fs::{Dir, FileType, MetadataExt as _, OpenOptions, OpenOptionsExt as _},
 };
 use rustix::fs::{Mode, OFlags, SeekFrom, fsync, openat, seek};
 use sha2::{Digest, Sha256};
 
-/// A file or folder below a root.
-#[derive(Debug, Clone, PartialEq, Eq, PartialOrd, Ord, Hash)]
+/// A file or folder below a root. Two are the same if their paths are.
+#[derive(Debug, Clone)]
 pub struct Place {
-    /// The folder that its user named. Links on the way to it are the user's own.
-    root: PathBuf,
+    root: Arc<Root>,
     below: PathBuf,
+}
+
+/// The folder below which nothing is trusted.
+#[derive(Debug)]
+struct Root {
+    path: PathBuf,
+    way: Way,
+    /// Which folder it was before; none if it has not been opened before.
+    was: Option<Identity>,
+    /// From the first opening on: a folder that takes its name later is another.
+    opened: OnceLock<Arc<Dir>>,
+}
+
+/// How a root is reached.
+#[derive(Debug)]
+enum Way {
+    /// By a path that its user named. Links on it are the user's own.
+    Named,
+    /// It was found in a folder that may be anyone's.
+    Found(Place),
+}
+
+/// What tells a folder from another that takes its name.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+struct Identity {
+    device: u64,
+    inode: u64,
+}
+
+impl Identity {
+    fn of(folder: &Dir) -> io::Result<Self> {
+        let about = folder.dir_metadata()?;
+        Ok(Self {
+            device: about.dev(),
+            inode: about.ino(),
+        })
+    }
+}
+
+impl Root {
+    /// The handle, which is kept.
+    fn open(&self) -> io::Result<Arc<Dir>> {
+        if let Some(opened) = self.opened.get() {
+            return Ok(Arc::clone(opened));
+        }
+        let folder = match &self.way {
+            Way::Named => Arc::new(Dir::open_ambient_dir(&self.path, ambient_authority())?),
+            Way::Found(place) => place.folder()?,
+        };
+        if let Some(was) = self.was {
+            if was != Identity::of(&folder)? {
+                return Err(io::Error::other(
+                    "another folder has taken its place since it was read: see who else writes there, and start again",
+                ));
+            }
+        }
+        // Of two threads both go on with the handle of the first.
+        Ok(Arc::clone(self.opened.get_or_init(|| folder)))
+    }
+
+    /// Makes the folder. One that is open is there: if it was removed since, it is not to be made anew behind a handle that leads to
+    /// the old one.
+    fn make(&self) -> io::Result<()> {
+        match (&self.way, self.opened.get()) {
+            (_, Some(_)) => Ok(()),
+            (Way::Named, None) => fs::create_dir_all(&self.path),
+            (Way::Found(place), None) => place.make_folder(),
+        }
+    }
+}
+
+impl Place {
+    fn paths(&self) -> (&Path, &Path) {
+        (&self.root.path, &self.below)
+    }
+}
+
+impl PartialEq for Place {
+    fn eq(&self, other: &Self) -> bool {
+        self.paths() == other.paths()
+    }
+}
+
+impl Eq for Place {}
+
+impl PartialOrd for Place {
+    fn partial_cmp(&self, other: &Self) -> Option<Ordering> {
+        Some(self.cmp(other))
+    }
+}
+
+impl Ord for Place {
+    fn cmp(&self, other: &Self) -> Ordering {
+        self.paths().cmp(&other.paths())
+    }
+}
+
+impl Hash for Place {
+    fn hash<H: Hasher>(&self, state: &mut H) {
+        self.paths().hash(state);
+    }
 }
 
 /// What tells a file's content from another's.
@@ -73,12 +179,54 @@ impl From<FileType> for Kind {
 }
 
 impl Place {
-    /// The folder itself below which nothing is trusted.
+    /// The folder itself below which nothing is trusted, by a path that its user named. It is opened when it is first looked at, and is
+    /// open as long as this place is there or one that was made of it.
     pub fn root(folder: impl Into<PathBuf>) -> Self {
+        Self::of_root(folder.into(), Way::Named, None)
+    }
+
+    /// This folder as a root of its own, which is opened from the folder that it is in and through no link.
+    #[must_use]
+    pub fn as_root(&self) -> Self {
+        Self::of_root(self.path(), Way::Found(self.clone()), None)
+    }
+
+    /// The root, not held open: it is opened anew when it is looked at, and must be the same folder then. Of thousands of folders not all
+    /// can be open at once.
+    ///
+    /// # Errors
+    /// When it cannot be opened now.
+    pub fn to_reopen(&self) -> io::Result<Self> {
+        let was = match self.root.was {
+            Some(was) => was,
+            None => Identity::of(&*self.open_root()?)?,
+        };
+        let way = match &self.root.way {
+            Way::Named => Way::Named,
+            Way::Found(place) => Way::Found(place.clone()),
+        };
+        Ok(Self::of_root(self.root.path.clone(), way, Some(was)))
+    }
+
+    fn of_root(path: PathBuf, way: Way, was: Option<Identity>) -> Self {
+        let opened = OnceLock::new();
         Self {
-            root: folder.into(),
+            root: Arc::new(Root {
+                path,
+                way,
+                was,
+                opened,
+            }),
             below: PathBuf::new(),
         }
+    }
+
+    /// Opens the root, unless it is open.
+    ///
+    /// # Errors
+    /// When it is not there, is no folder or may not be opened, and when it is another than it was.
+    pub fn ensure_root(&self) -> io::Result<()> {
+        self.open_root().map(drop)
     }
 
     /// What is in this folder by that name. A name that leads out of it is at no place: whatever is done with it fails.
@@ -91,7 +239,7 @@ impl Place {
         }
         below.push(name.as_ref());
         Self {
-            root: self.root.clone(),
+            root: Arc::clone(&self.root),
             below: below.into(),
         }
     }
@@ -106,7 +254,7 @@ impl Place {
     #[must_use]
     pub fn parent(&self) -> Self {
         Self {
-            root: self.root.clone(),
+            root: Arc::clone(&self.root),
             below: self.below.parent().map(Path::to_owned).unwrap_or_default(),
         }
     }
@@ -114,15 +262,15 @@ impl Place {
     /// The folder below which nothing is trusted.
     #[must_use]
     pub fn base(&self) -> &Path {
-        &self.root
+        &self.root.path
     }
 
     /// Its path, for messages and for programs that are told it. Not to be opened.
     #[must_use]
     pub fn path(&self) -> PathBuf {
         match self.below.as_os_str().is_empty() {
-            true => self.root.clone(),
-            false => self.root.join(&self.below),
+            true => self.root.path.clone(),
+            false => self.root.path.join(&self.below),
         }
     }
 
@@ -305,7 +453,7 @@ impl Place {
     /// # Errors
     /// When something else is there, or the folder above cannot be written.
     pub fn make_folder(&self) -> io::Result<()> {
-        fs::create_dir_all(&self.root)?;
+        self.root.make()?;
         let mut folder = self.open_root()?;
         for name in self.names() {
             let name = name?;
@@ -313,7 +461,7 @@ impl Place {
                 Err(error) if error.kind() != io::ErrorKind::AlreadyExists => return Err(error),
                 _ => {}
             }
-            folder = enter(&folder, name)?;
+            folder = Arc::new(enter(&folder, name)?);
         }
         Ok(())
     }
@@ -379,26 +527,26 @@ impl Place {
         }
     }
 
-    fn open_root(&self) -> io::Result<Dir> {
-        Dir::open_ambient_dir(&self.root, ambient_authority())
+    fn open_root(&self) -> io::Result<Arc<Dir>> {
+        self.root.open()
     }
 
     /// This folder.
-    fn folder(&self) -> io::Result<Dir> {
+    fn folder(&self) -> io::Result<Arc<Dir>> {
         let mut folder = self.open_root()?;
         for name in self.names() {
-            folder = enter(&folder, name?)?;
+            folder = Arc::new(enter(&folder, name?)?);
         }
         Ok(folder)
     }
 
     /// The folder that it is in, and its name there.
-    fn way(&self) -> io::Result<(Dir, &OsStr)> {
+    fn way(&self) -> io::Result<(Arc<Dir>, &OsStr)> {
         let mut names = self.names();
         let mut name = names.next().unwrap_or_else(|| Err(leads_out()))?;
         let mut folder = self.open_root()?;
         for next in names {
-            folder = enter(&folder, name)?;
+            folder = Arc::new(enter(&folder, name)?);
             name = next?;
         }
         Ok((folder, name))
@@ -506,6 +654,8 @@ fn absent_is_well(done: io::Result<()>) -> io::Result<()> {
 
 #[cfg(test)]
 mod tests {
+    use std::os::unix::fs::symlink;
+
     use super::*;
 
     /// A file with so many zeros that take no room, and its folder.
@@ -516,6 +666,101 @@ mod tests {
         let file = fs::OpenOptions::new().write(true).open(place.path());
         file.unwrap().set_len(bytes).unwrap();
         (folder, place)
+    }
+
+    #[test]
+    fn a_folder_that_is_exchanged_for_a_link_is_neither_read_nor_written() {
+        let folder = tempfile::tempdir().unwrap();
+        let (history, victim) = (folder.path().join("history"), folder.path().join("victim"));
+        fs::create_dir_all(history.join("run")).unwrap();
+        fs::create_dir(&victim).unwrap();
+        fs::write(victim.join("file"), "theirs").unwrap();
+        let found = Place::root(&history).join("run").as_root();
+        let (read_before, read_after) = (found.clone(), Place::root(&history).join("run").as_root());
+        assert!(!read_before.join("file").exists());
+
+        fs::rename(history.join("run"), history.join("moved")).unwrap();
+        symlink(&victim, history.join("run")).unwrap();
+        // What was opened before stays the folder that it was.
+        found.join("file").write(b"mine").unwrap();
+        found.join("report").make_folder().unwrap();
+        assert_eq!(fs::read(history.join("moved/file")).unwrap(), b"mine");
+        assert!(history.join("moved/report").is_dir());
+        found.join("file").remove_file().unwrap();
+        // What was not is refused.
+        assert_eq!(
+            read_after.ensure_root().unwrap_err().kind(),
+            io::ErrorKind::NotADirectory
+        );
+        assert!(read_after.join("report").make_folder().is_err());
+        assert_eq!(fs::read_dir(&victim).unwrap().count(), 1);
+        assert_eq!(fs::read(victim.join("file")).unwrap(), b"theirs");
+    }
+
+    #[test]
+    fn a_folder_that_is_opened_anew_must_be_the_one_that_it_was() {
+        let folder = tempfile::tempdir().unwrap();
+        let [run, other] = ["run", "other"].map(|name| folder.path().join(name));
+        fs::create_dir(&run).unwrap();
+        fs::create_dir(&other).unwrap();
+        fs::write(other.join("file"), "theirs").unwrap();
+        for place in [
+            Place::root(&run),
+            Place::root(folder.path()).join("run").as_root(),
+        ] {
+            let again = place.to_reopen().unwrap();
+            again.to_reopen().unwrap().ensure_root().unwrap();
+            fs::rename(&run, folder.path().join("moved")).unwrap();
+            fs::rename(&other, &run).unwrap();
+            let error = again.join("file").open().unwrap_err();
+            assert!(error.to_string().contains("another folder"), "{error}");
+            again.join("file").remove_file().unwrap_err();
+            fs::rename(&run, &other).unwrap();
+            fs::rename(folder.path().join("moved"), &run).unwrap();
+            again.ensure_root().unwrap();
+        }
+        assert!(other.join("file").exists());
+    }
+
+    #[test]
+    fn a_root_that_a_person_named_may_be_a_link_and_may_be_made_later() {
+        let folder = tempfile::tempdir().unwrap();
+        let place = Place::root(folder.path().join("later/run"));
+        assert_eq!(place.ensure_root().unwrap_err().kind(), io::ErrorKind::NotFound);
+        place.join("a").make_folder().unwrap();
+        symlink(folder.path().join("later"), folder.path().join("link")).unwrap();
+        assert!(Place::root(folder.path().join("link/run")).join("a").is_folder());
+        assert!(Place::root(folder.path().join("link")).join("run/a").is_folder());
+    }
+
+    /// Handles of this process that lead into a folder.
+    fn handles_into(folder: &Path) -> usize {
+        let handles = fs::read_dir("/proc/self/fd").unwrap();
+        let leads_there =
+            |entry: &fs::DirEntry| fs::read_link(entry.path()).is_ok_and(|to| to.starts_with(folder));
+        handles.flatten().filter(leads_there).count()
+    }
+
+    #[test]
+    fn a_folder_is_open_no_longer_than_it_is_looked_at() {
+        let folder = tempfile::tempdir().unwrap();
+        let real = folder.path().canonicalize().unwrap();
+        let history = Place::root(&real);
+        let mut later = Vec::new();
+        for number in 0..100 {
+            let run = history.join(number.to_string());
+            run.make_folder().unwrap();
+            let run = run.as_root();
+            run.join("a").make_folder().unwrap();
+            later.push(run.to_reopen().unwrap());
+        }
+        assert_eq!(handles_into(&real), 1);
+        assert!(
+            later
+                .iter()
+                .all(|run| run.to_reopen().unwrap().join("a").is_folder())
+        );
+        assert_eq!(handles_into(&real), 1);
     }
 
     #[test]

@@ -74,24 +74,18 @@ impl Manifest {
 }
 
 fn ensure_is_run_directory(directory: &RunDirectory) -> Result<(), ReadError> {
-    let path = directory.path();
-    let about = path.metadata().map_err(|source| match source.kind() {
-        io::ErrorKind::NotFound => ReadError::NotFound {
-            path: path.to_owned(),
-        },
-        _ => ReadError::Io {
-            path: path.to_owned(),
-            source,
-        },
-    })?;
+    let path = directory.path().to_owned();
     let not_one = |why| {
         Err(ReadError::NotARunDirectory {
-            path: path.to_owned(),
+            path: path.clone(),
             why,
         })
     };
-    if !about.is_dir() {
-        return not_one("it is not a folder");
+    match directory.root().ensure_root() {
+        Ok(()) => {}
+        Err(error) if error.kind() == io::ErrorKind::NotADirectory => return not_one("it is not a folder"),
+        Err(error) if error.kind() == io::ErrorKind::NotFound => return Err(ReadError::NotFound { path }),
+        Err(source) => return Err(ReadError::Io { path, source }),
     }
     let others = [directory.plan(), directory.journal()];
     if !directory.manifest().exists() && !others.iter().any(|file| file.exists()) {
