@@ -190,10 +190,10 @@ impl Most {
         bytes: LONGEST_RECORD,
         values: 1 << 17,
     };
-    /// One has 140 to 230, and a run has a thousand of them in memory.
+    /// One has 140 to 230 in 5 kB, and a run has a thousand of them in memory.
     const ENVIRONMENT: Self = Self {
-        bytes: 256 << 10,
-        values: 1 << 10,
+        bytes: 64 << 10,
+        values: 1 << 9,
     };
     /// One has 180.
     const WINDOW: Self = Self {
