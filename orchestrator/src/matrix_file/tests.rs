@@ -290,6 +290,25 @@ fn a_setting_is_read_under_its_former_name_and_proposed_under_its_own() {
             settings[own].is_object() && settings[former].is_null(),
             "{settings:#}"
         );
+#[test]
+fn platforms_outside_of_the_folder_of_the_file_are_refused_in_every_profile() {
+    let text = "matrix: {}\nproviders: {simulated: {platforms: ../../etc}}\n\
+                profiles: {other: {providers: {simulated: {platforms: /etc}}}}\n";
+    let found = told(text.as_bytes(), None);
+    let found: Vec<_> = found
+        .to_json()
+        .iter()
+        .map(|it| (it.line, it.message.to_owned()))
+        .collect();
+    let expected = [(2, "../../etc"), (3, "/etc")].map(|(line, path)| {
+        (
+            line,
+            format!("`{path}` is not below the folder of the matrix file"),
+        )
+    });
+    assert_eq!(found, expected);
+}
+
     }
 }
 

@@ -61,6 +61,7 @@ pub struct Quantiles(pub Vec<Quantile>);
 /// A probability, and the time that is not exceeded with it.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
+#[serde(expecting = "a pair of a probability and a time, such as `[0.5, 60us]`")]
 pub struct Quantile(pub f64, pub TimeSpan);
 
 impl Quantiles {
