@@ -224,6 +224,7 @@ fn ten_megabytes_of_nesting_are_one_clear_error() {
 #[case::profiles(format!("matrix: {{}}\nprofiles:\n{}", (0..20_000).map(|key| format!("  k{key}: {{}}\n")).collect::<String>()))]
 #[case::comments("#\n".repeat(500_000))]
 #[case::anchors("- &a x\n".repeat(140_000))]
+#[case::long_values(format!("matrix:\n  labels: {{x: [{}, b]}}\n  exclude:\n    - x: \"*{}b\"\n", "a".repeat(300_000), "a".repeat(150_000)))]
 #[case::wrong_settings(format!("matrix: {{}}\nworkload:\n{}", (0..20_000).map(|key| format!("  k{key}: 1\n")).collect::<String>()))]
 fn a_file_made_to_be_slow_is_not(#[case] text: String) {
     let started = std::time::Instant::now();
