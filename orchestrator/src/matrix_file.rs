@@ -349,6 +349,10 @@ impl MatrixFile {
             .flat_map(|axis| axis.values.iter().map(|value| (&axis.name, value)));
         let values = on_axes.chain(in_excludes).chain(in_includes);
         for (name, value) in values.filter(|(name, _)| Role::of(&name.value) == Ok(Role::Sweep)) {
+            // Each reads all settings anew.
+            if found.has_all_it_keeps(Severity::Error) {
+                return;
+            }
             if let Err(wrong) = self.swept([(name.value.as_str(), value)]) {
                 found.extend(wrong);
             }
@@ -599,7 +603,7 @@ fn check_keys(source: &Arc<Source>, node: &Node, known: &[&str], found: &mut Dia
     for entry in node.entries() {
         let key = entry.key.value.as_str();
         if !known.contains(&key) {
-            found.push(
+            found.push_error(|| {
                 Diagnostic::error(
                     source,
                     Code::UnknownKey,
@@ -607,8 +611,8 @@ fn check_keys(source: &Arc<Source>, node: &Node, known: &[&str], found: &mut Dia
                     format!("there is no key `{key}` here"),
                 )
                 .label("unknown key")
-                .help(propose(key, known.iter().copied())),
-            );
+                .help(propose(key, known.iter().copied()))
+            });
         }
     }
 }
