@@ -31,7 +31,6 @@ use std::{
 
 use record::{
     axis::{NODE, SIMULATED},
-    causes::with_causes,
     connection::Connection,
     experiment::CommandExperiment,
     report_settings::ReportSettings,
@@ -45,7 +44,7 @@ pub(crate) use axes::{FEWER, SCENARIOS};
 pub use diagnostic::{Code, Diagnostic, DiagnosticRecord, Diagnostics, Severity};
 pub use hosts::{Host, OneNode, THIS_MACHINE};
 pub(crate) use places::Places;
-pub use platforms::{PlatformFileError, PlatformFiles};
+pub use platforms::{PlatformFiles, PlatformReader};
 pub use report_option::ReportOption;
 pub use schema::schema;
 pub(crate) use spelling::{did_you_mean, list, propose};
@@ -65,6 +64,8 @@ const REPORT: &str = "report";
 const PROVIDERS: &str = "providers";
 const PROFILES: &str = "profiles";
 const EXPERIMENT: &str = CommandExperiment::SECTION;
+/// Where a file names the folder of its platforms.
+const PLATFORMS: &str = "providers.simulated.platforms";
 
 /// The sections of a matrix file.
 const SECTIONS: [&str; 7] = [MATRIX, HOSTS, EXPERIMENT, WORKLOAD, REPORT, PROVIDERS, PROFILES];
@@ -148,7 +149,9 @@ impl MatrixFile {
                 host.connection.name_files_from(folder);
             }
             if let Some(platforms) = &file.providers.simulated.platforms {
-                file.read_platforms(&folder.join(platforms))?;
+                let span = file.place_of(PLATFORMS);
+                let files = PlatformFiles::below(folder, platforms, &file.source, span)?;
+                file.platforms = Some(files);
             }
         }
         Ok(file)
@@ -181,22 +184,12 @@ impl MatrixFile {
         hosts::split(&self.source, &mut self.hosts, nodes)
     }
 
-    /// Takes the platforms of simulated scenarios from a folder.
+    /// Takes the platforms of simulated scenarios from a folder that a person named on the command line.
     ///
     /// # Errors
-    /// When a file of it is none.
-    pub fn read_platforms(&mut self, folder: &Path) -> Result<(), Diagnostics> {
-        let read = PlatformFiles::read(folder).map_err(|error| {
-            let span = self.place_of("providers.simulated.platforms");
-            let diagnostic = Diagnostic::error(&self.source, Code::InvalidValue, span, with_causes(&error));
-            let mut found = Diagnostics::new();
-            found.push(match error.hint() {
-                Some(hint) => diagnostic.help(hint),
-                None => diagnostic,
-            });
-            found
-        })?;
-        self.platforms = Some(read);
+    /// When it is no folder.
+    pub fn use_platforms(&mut self, folder: &Path) -> Result<(), Diagnostics> {
+        self.platforms = Some(PlatformFiles::named_by_option(folder)?);
         Ok(())
     }
 
@@ -302,6 +295,7 @@ impl MatrixFile {
         }
         file.check_sweeps(found);
         check_alpha(&file.places(), &file.report, found);
+        file.check_platforms(found);
         file.check_vagrant(found);
         file.check_outside(found);
         file
@@ -316,6 +310,14 @@ impl MatrixFile {
                 let message = format!("`{name}` does not take these settings: {reason}");
                 found.push(Diagnostic::error(&self.source, Code::InvalidValue, span, message));
             }
+        }
+    }
+
+    /// A file that is somebody else's names no folder of its reader's.
+    fn check_platforms(&self, found: &mut Diagnostics) {
+        if let Some(folder) = &self.providers.simulated.platforms {
+            let checked = platforms::check(&self.source, self.place_of(PLATFORMS), folder);
+            checked.unwrap_or_else(|wrong| found.push(wrong));
         }
     }
 
@@ -347,6 +349,10 @@ impl MatrixFile {
             .flat_map(|axis| axis.values.iter().map(|value| (&axis.name, value)));
         let values = on_axes.chain(in_excludes).chain(in_includes);
         for (name, value) in values.filter(|(name, _)| Role::of(&name.value) == Ok(Role::Sweep)) {
+            // Each reads all settings anew.
+            if found.has_all_it_keeps(Severity::Error) {
+                return;
+            }
             if let Err(wrong) = self.swept([(name.value.as_str(), value)]) {
                 found.extend(wrong);
             }
@@ -597,7 +603,7 @@ fn check_keys(source: &Arc<Source>, node: &Node, known: &[&str], found: &mut Dia
     for entry in node.entries() {
         let key = entry.key.value.as_str();
         if !known.contains(&key) {
-            found.push(
+            found.push_error(|| {
                 Diagnostic::error(
                     source,
                     Code::UnknownKey,
@@ -605,8 +611,8 @@ fn check_keys(source: &Arc<Source>, node: &Node, known: &[&str], found: &mut Dia
                     format!("there is no key `{key}` here"),
                 )
                 .label("unknown key")
-                .help(propose(key, known.iter().copied())),
-            );
+                .help(propose(key, known.iter().copied()))
+            });
         }
     }
 }

@@ -20,7 +20,7 @@ use record::{
     axis::SIMULATED,
     connection::Connection,
     run_directory::{FORMAT, PlanRecord, PlannedScenario},
-    settings::{Need, Settings, SimulationSettings},
+    settings::{Need, Settings},
 };
 use serde_json::Value;
 use sha2::{Digest as _, Sha256};
@@ -37,7 +37,7 @@ use placement::{HostCapabilities, fitting, place};
 use selection::Candidate;
 
 use crate::{
-    matrix_file::{Code, Diagnostic, Diagnostics, FEWER, Host, MatrixFile},
+    matrix_file::{Code, Diagnostic, Diagnostics, FEWER, Host, MatrixFile, PlatformFiles},
     provider::{AskedRight, Availability},
 };
 
@@ -337,13 +337,17 @@ fn scenarios(
             .collect::<Vec<_>>()
     };
     let slugs = naming::slugs(&combinations.iter().map(texts).collect::<Vec<_>>());
+    let mut platforms = file.platforms.as_ref().map(PlatformFiles::reader);
     let named = std::iter::zip(combinations, slugs).zip(settings).enumerate();
     named
         .map(|(index, ((combination, slug), mut settings))| {
             if let Some(simulation) = &mut settings.simulation {
                 simulation.seed = seed_of(simulation.seed, &slug);
-                if combination.excluded.is_none() {
-                    choose_platform(file, &slug, simulation, found);
+                let platforms = platforms.as_mut().filter(|_| combination.excluded.is_none());
+                match platforms.map(|platforms| platforms.read(&slug)) {
+                    Some(Ok(platform)) => simulation.platform = platform,
+                    Some(Err(wrong)) => found.extend(wrong),
+                    None => {}
                 }
             }
             let provider = file.provider_of(combination.virtualization());
@@ -393,28 +397,6 @@ fn seed_of(seed: u64, slug: &str) -> u64 {
     // So that whoever reads it as a double has the same number.
     let first = digest.iter().take(6);
     first.fold(0, |seed, byte| (seed << 8) | u64::from(*byte))
-}
-
-/// Puts a simulated scenario on the platform of its file, if there are files.
-fn choose_platform(
-    file: &MatrixFile,
-    slug: &str,
-    simulation: &mut SimulationSettings,
-    found: &mut Diagnostics,
-) {
-    let Some(platforms) = &file.platforms else { return };
-    match platforms.of(slug) {
-        Some(platform) => simulation.platform = platform.clone(),
-        None => {
-            let span = file.place_of("providers.simulated.platforms");
-            let message = format!(
-                "there is no platform for `{slug}`: {}",
-                platforms.path(slug).display()
-            );
-            let help = "write the file, or `{}` into it for the ideal platform";
-            found.push(Diagnostic::error(&file.source, Code::InvalidValue, span, message).help(help));
-        }
-    }
 }
 
 /// The workload's settings with the combination's sweeps. What does not fit together matters only where it may run.

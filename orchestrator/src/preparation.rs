@@ -12,7 +12,7 @@ use record::causes::with_causes;
 use crate::{
     experiment_files::ExperimentFiles,
     matrix_file::{
-        Diagnostics, MatrixFile,
+        Diagnostics, MatrixFile, PlatformFiles,
         diagnostic::{Code, Diagnostic},
     },
     plan::{self, ExpandedMatrix, HostFacts, Plan, Selection, order::Order},
@@ -106,6 +106,7 @@ pub async fn prepare(request: &PlanRequest<'_>, catalogue: Catalogue) -> Result<
     let plan = matrix
         .plan(&facts, &request.selection, request.order, request.seed)
         .map_err(PreparationError::Plan)?;
+    check_platforms(request, &plan)?;
     Ok(Prepared {
         files: files(request, &file)?,
         file,
@@ -118,7 +119,7 @@ pub async fn prepare(request: &PlanRequest<'_>, catalogue: Catalogue) -> Result<
 fn read(request: &PlanRequest<'_>, catalogue: Catalogue) -> Result<MatrixFile, Diagnostics> {
     let mut file = MatrixFile::read(request.file, request.profile, catalogue)?;
     if let Some(folder) = request.platforms {
-        file.read_platforms(folder)?;
+        file.use_platforms(folder)?;
     }
     Ok(match request.simulated {
         true => file.simulated(),
@@ -134,7 +135,21 @@ pub fn prepare_offline(request: &PlanRequest<'_>, catalogue: Catalogue) -> Resul
     let file = read(request, catalogue).map_err(PreparationError::File)?;
     let facts = survey::unasked(&file);
     files(request, &file)?;
-    plan::plan(&file, &facts, &request.selection, request.order, request.seed).map_err(PreparationError::Plan)
+    let plan = plan::plan(&file, &facts, &request.selection, request.order, request.seed)
+        .map_err(PreparationError::Plan)?;
+    check_platforms(request, &plan)?;
+    Ok(plan)
+}
+
+/// Who names platforms wants scenarios to be computed, and would wait for hours if they were measured.
+fn check_platforms(request: &PlanRequest<'_>, plan: &Plan) -> Result<(), PreparationError> {
+    let mut scenarios = plan.record.scenarios.iter();
+    match request.platforms {
+        Some(folder) if !scenarios.any(|it| it.settings.simulation.is_some()) => {
+            Err(PreparationError::Plan(PlatformFiles::in_vain(folder)))
+        }
+        _ => Ok(()),
+    }
 }
 
 /// The files of a user's experiment, which lie beside the matrix file.
@@ -197,6 +212,53 @@ mod tests {
             "{told}"
         );
         assert!(told.contains("matrix.yaml:4:24"), "{told}");
+    }
+
+    #[test]
+    fn a_mistake_in_a_platform_is_told_at_its_place_in_that_file() {
+        let (file, folder) = written(
+            "matrix: {hardware: [x], os: [y], virtualization: [simulated]}\nhosts: {here: {hardware: x, os: y}}\n\
+             providers: {simulated: {platforms: p}}\n",
+        );
+        fs::create_dir(folder.path().join("p")).unwrap();
+        let told = || {
+            prepare_offline(&PlanRequest::new(&file), Catalogue::default())
+                .map_err(|it| it.into_mistakes().to_string())
+        };
+        let wrong = told().unwrap_err();
+        assert!(
+            wrong.contains("there is no platform for `x-y-simulated`") && wrong.contains("matrix.yaml:3:"),
+            "{wrong}"
+        );
+        fs::write(
+            folder.path().join("p/x-y-simulated.yaml"),
+            "stack: 1us\nlatness: 3us\n",
+        )
+        .unwrap();
+        let wrong = told().unwrap_err();
+        assert!(
+            wrong.contains("p/x-y-simulated.yaml:2:1") && wrong.contains("no key `latness`"),
+            "{wrong}"
+        );
+        fs::write(folder.path().join("p/x-y-simulated.yaml"), "stack: 1us\n").unwrap();
+        let plan = told().unwrap();
+        let simulation = plan.record.scenarios[0].settings.simulation.as_ref().unwrap();
+        assert_eq!(simulation.platform.stack.to_string(), "1us");
+    }
+
+    #[test]
+    fn platforms_for_scenarios_that_are_all_measured_are_an_error() {
+        let (file, folder) = written("matrix: {virtualization: [native]}\n");
+        let request = PlanRequest {
+            platforms: Some(folder.path()),
+            ..PlanRequest::new(&file)
+        };
+        let wrong = prepare_offline(&request, Catalogue::default()).unwrap_err();
+        let told = wrong.into_mistakes().to_string();
+        assert!(
+            told.contains("no scenario is computed") && told.contains("add `--simulated`"),
+            "{told}"
+        );
     }
 
     #[tokio::test]

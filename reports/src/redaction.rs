@@ -5,8 +5,10 @@
 //! a user's folder. Each gets another name, the same wherever it stands as a word. Command lines, paths of keys and the matrix
 //! file's text are left out. What was measured stays as it is, byte for byte, and so do axes and settings.
 
+mod names;
+
 use std::{
-    collections::{BTreeMap, BTreeSet, HashMap},
+    collections::{BTreeMap, BTreeSet},
     io,
     net::IpAddr,
     path::{Path, PathBuf},
@@ -26,6 +28,7 @@ use record::{
 use serde::{Serialize, de::DeserializeOwned};
 use serde_json::{Map, Value};
 
+use self::names::Names;
 use crate::input::run::{Ending, Run, ScenarioRun, WindowState};
 
 /// What a reader of a report must know.
@@ -147,9 +150,8 @@ impl Redaction {
     #[must_use]
     pub fn names(&self) -> BTreeMap<&str, &str> {
         self.names
-            .known
             .iter()
-            .map(|(name, other)| (name.as_str(), other.as_str()))
+            .map(|(name, other)| (name, other.as_str()))
             .collect()
     }
 
@@ -163,24 +165,20 @@ impl Redaction {
     #[must_use]
     pub fn text(&self, text: &str) -> String {
         let lower = text.to_ascii_lowercase();
+        // From the last to the first.
+        let mut found: Vec<_> = self.names.beginnings(&lower).collect();
         let mut redacted = String::with_capacity(text.len());
-        let (mut at, mut before) = (0, None);
-        while let (Some(rest), Some(original)) = (lower.get(at..), text.get(at..)) {
-            let name = self.names.beginning(before, rest).next();
-            let (length, piece) = match (name, original.chars().next()) {
-                (Some((name, other)), _) => (name.len(), other.as_str()),
-                (None, Some(next)) => (
-                    next.len_utf8(),
-                    original.get(..next.len_utf8()).unwrap_or_default(),
-                ),
-                (None, None) => break,
-            };
-            redacted.push_str(piece);
-            before = original
-                .get(..length)
-                .and_then(|passed| passed.chars().next_back());
-            at += length;
+        let mut at = 0;
+        while let Some((begins, name, other)) = found.pop() {
+            // One within another that was replaced.
+            if begins < at {
+                continue;
+            }
+            redacted.push_str(text.get(at..begins).unwrap_or_default());
+            redacted.push_str(other);
+            at = begins + name.len();
         }
+        redacted.push_str(text.get(at..).unwrap_or_default());
         redacted
     }
 
@@ -226,61 +224,6 @@ impl Redaction {
 fn is_change_of_what_is_left_out(fields: &Map<String, Value>) -> bool {
     let what = fields.get("what").and_then(Value::as_str);
     what.is_some_and(|what| LEFT_OUT.contains(&what))
-}
-
-/// Names in lower case, found where they stand in a text without trying each: a run may have thousands of hosts.
-#[derive(Debug, Clone, PartialEq, Eq)]
-struct Names<T> {
-    known: HashMap<String, T>,
-    /// How long names are.
-    lengths: BTreeSet<usize>,
-}
-
-impl<T> Default for Names<T> {
-    fn default() -> Self {
-        std::iter::empty().collect()
-    }
-}
-
-impl<T> FromIterator<(String, T)> for Names<T> {
-    fn from_iter<I: IntoIterator<Item = (String, T)>>(names: I) -> Self {
-        let known = HashMap::from_iter(names);
-        Self {
-            lengths: known.keys().map(String::len).collect(),
-            known,
-        }
-    }
-}
-
-impl<T> Names<T> {
-    /// Those with which a text goes on, none of them a part of a longer word; the longest first.
-    fn beginning(&self, before: Option<char>, rest: &str) -> impl Iterator<Item = (&str, &T)> {
-        let joins = |edge: Option<char>, beside: Option<char>| {
-            edge.is_some_and(char::is_alphanumeric) && beside.is_some_and(char::is_alphanumeric)
-        };
-        self.lengths.iter().rev().filter_map(move |length| {
-            let (name, after) = rest.split_at_checked(*length)?;
-            let (name, other) = self.known.get_key_value(name)?;
-            let is_part =
-                joins(name.chars().next(), before) || joins(name.chars().next_back(), after.chars().next());
-            (!is_part).then_some((name.as_str(), other))
-        })
-    }
-
-    /// All that stand as a word in a text.
-    fn within(&self, text: &str) -> BTreeSet<&str> {
-        let places = text.char_indices().scan(None, |before, (at, letter)| {
-            let place = (*before, at);
-            *before = Some(letter);
-            Some(place)
-        });
-        let mut found = BTreeSet::new();
-        for (before, at) in places {
-            let rest = text.get(at..).unwrap_or_default();
-            found.extend(self.beginning(before, rest).map(|(name, _)| name));
-        }
-        found
-    }
 }
 
 /// What was found in documents, before it has other names.

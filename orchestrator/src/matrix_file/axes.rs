@@ -2,7 +2,10 @@
 //!
 //! What they expand to is the plan's matter.
 
-use std::sync::Arc;
+use std::{
+    collections::{HashMap, HashSet},
+    sync::Arc,
+};
 
 use record::{axis::NODE, run_directory::PlanRecord};
 use wildmatch::WildMatch;
@@ -81,14 +84,40 @@ pub struct Condition {
     pub axis: Spanned<String>,
     /// The values, at least one.
     pub values: Vec<AxisValue>,
+    /// Those that stand for themselves alone.
+    plain: HashSet<String>,
+    /// The others.
+    patterns: Vec<WildMatch>,
+    /// How long all patterns together are.
+    pattern_letters: usize,
 }
 
 impl Condition {
+    fn new(axis: Spanned<String>, values: Vec<AxisValue>) -> Self {
+        let texts = || values.iter().map(|value| value.text.as_str());
+        let patterns = || texts().filter(|text| is_pattern(text));
+        Self {
+            plain: texts()
+                .filter(|text| !is_pattern(text))
+                .map(str::to_owned)
+                .collect(),
+            patterns: patterns().map(WildMatch::new).collect(),
+            pattern_letters: patterns().map(str::len).sum(),
+            axis,
+            values,
+        }
+    }
+
     /// Whether one of the values is that one, or fits it.
     #[must_use]
     pub fn fits(&self, value: &str) -> bool {
-        let mut values = self.values.iter();
-        values.any(|wanted| WildMatch::new(&wanted.text).matches(value))
+        self.plain.contains(value) || self.patterns.iter().any(|pattern| pattern.matches(value))
+    }
+
+    /// How many letters are compared at most to see whether a value fits: in the worst case, each of a pattern with each of the value.
+    #[must_use]
+    pub const fn letters_compared(&self, value: &str) -> usize {
+        self.pattern_letters.saturating_mul(value.len())
     }
 
     /// The values that stand for themselves alone.
@@ -131,6 +160,8 @@ const EXCLUDE: &str = "exclude";
 const INCLUDE: &str = "include";
 const REASON: &str = "reason";
 const LABELS: &str = "labels";
+/// A value or a pattern that a person writes is no longer, in bytes.
+const LONGEST_VALUE: usize = 1000;
 /// So many values of an axis are repeated in a proposal.
 const REPEATED: usize = 8;
 
@@ -284,11 +315,13 @@ impl Section<'_> {
             return None;
         }
         let mut values: Vec<AxisValue> = Vec::new();
+        let mut seen: HashMap<String, usize> = HashMap::new();
         for item in items {
             let Some(value) = self.axis_value(&name.value, item) else {
                 continue;
             };
-            if let Some(first) = values.iter().find(|first| first.text == value.text) {
+            let first = seen.get(&value.text).and_then(|first| values.get(*first));
+            if let Some(first) = first {
                 let message = format!("`{}` is on the axis `{}` twice", value.text, name.value);
                 let error = self
                     .error(Code::DuplicateScenario, item.span, message)
@@ -297,6 +330,7 @@ impl Section<'_> {
                     .help("keep one: the same value twice gives the same scenarios twice");
                 self.found.push(error);
             } else {
+                seen.insert(value.text.clone(), values.len());
                 values.push(value);
             }
         }
@@ -340,6 +374,7 @@ impl Section<'_> {
             self.wrong_type(node, "a word or a number");
             return None;
         };
+        self.is_short(node, text).then_some(())?;
         if Role::of(axis) == Ok(Role::Virtualization) && self.catalogue.kind(text).is_none() {
             let error = self
                 .error(
@@ -356,6 +391,18 @@ impl Section<'_> {
             text: text.to_owned(),
             node: node.clone(),
         })
+    }
+
+    /// Whether a value is one that a person wrote: to compare longer ones takes their square.
+    fn is_short(&mut self, node: &Node, text: &str) -> bool {
+        let is_short = text.len() <= LONGEST_VALUE;
+        if !is_short {
+            let message = format!("a value of {} bytes is longer than {LONGEST_VALUE}", text.len());
+            let error = self.error(Code::TooLarge, node.span, message);
+            self.found
+                .push(error.help("write a short name, or a pattern with `*` in place of most of it"));
+        }
+        is_short
     }
 
     /// The items of `exclude:` or `include:`.
@@ -479,17 +526,17 @@ impl Section<'_> {
         let values: Vec<Option<AxisValue>> = nodes
             .iter()
             .map(|node| match node.text() {
-                Some(text) if is_pattern(text) => Some(AxisValue {
+                Some(text) if is_pattern(text) => self.is_short(node, text).then(|| AxisValue {
                     text: text.to_owned(),
                     node: node.clone(),
                 }),
                 _ => self.axis_value(&name.value, node),
             })
             .collect();
-        Some(Condition {
-            axis: name.clone(),
-            values: values.into_iter().collect::<Option<_>>()?,
-        })
+        Some(Condition::new(
+            name.clone(),
+            values.into_iter().collect::<Option<_>>()?,
+        ))
     }
 }
 

@@ -357,12 +357,26 @@ impl Diagnostics {
 
     /// One more, unless the very same is there: profiles are read on top of the same file, and find its mistakes again.
     pub fn push(&mut self, diagnostic: Diagnostic) {
-        let same = |known: &&Diagnostic| known.severity == diagnostic.severity;
-        if self.kept.iter().filter(same).count() >= KEPT {
+        if self.has_all_it_keeps(diagnostic.severity) {
             self.more += 1;
         } else if !self.kept.contains(&diagnostic) {
             self.kept.push(diagnostic);
         }
+    }
+
+    /// One more error, which is made only if it is kept: to look for what was meant takes long.
+    pub fn push_error(&mut self, make: impl FnOnce() -> Diagnostic) {
+        match self.has_all_it_keeps(Severity::Error) {
+            true => self.more += 1,
+            false => self.push(make()),
+        }
+    }
+
+    /// Whether one more of that severity would only be counted.
+    #[must_use]
+    pub fn has_all_it_keeps(&self, severity: Severity) -> bool {
+        let same = |known: &&Diagnostic| known.severity == severity;
+        self.kept.iter().filter(same).count() >= KEPT
     }
 
     /// All of them.

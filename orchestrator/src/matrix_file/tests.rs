@@ -224,6 +224,7 @@ fn ten_megabytes_of_nesting_are_one_clear_error() {
 #[case::profiles(format!("matrix: {{}}\nprofiles:\n{}", (0..20_000).map(|key| format!("  k{key}: {{}}\n")).collect::<String>()))]
 #[case::comments("#\n".repeat(500_000))]
 #[case::anchors("- &a x\n".repeat(140_000))]
+#[case::long_values(format!("matrix:\n  labels: {{x: [{}, b]}}\n  exclude:\n    - x: \"*{}b\"\n", "a".repeat(300_000), "a".repeat(150_000)))]
 #[case::wrong_settings(format!("matrix: {{}}\nworkload:\n{}", (0..20_000).map(|key| format!("  k{key}: 1\n")).collect::<String>()))]
 fn a_file_made_to_be_slow_is_not(#[case] text: String) {
     let started = std::time::Instant::now();
@@ -243,10 +244,69 @@ fn a_file_made_to_be_slow_is_not(#[case] text: String) {
 }
 
 #[test]
+fn a_value_or_a_pattern_that_nobody_writes_is_refused_at_its_place() {
+    let found = told(
+        format!(
+            "matrix:\n  labels: {{x: [b, {}]}}\n  exclude:\n    - x: \"*{}\"\n      reason: r\n",
+            "a".repeat(1001),
+            "a".repeat(1000)
+        )
+        .as_bytes(),
+        None,
+    );
+    let found: Vec<_> = found
+        .to_json()
+        .iter()
+        .map(|it| (it.line, it.message.to_owned()))
+        .collect();
+    let message = "a value of 1001 bytes is longer than 1000".to_owned();
+    assert_eq!(found, [(2, message.clone()), (4, message)]);
+}
+
+#[test]
+fn of_very_many_mistakes_the_first_are_told_and_that_there_are_more() {
+    let text = "matrix: {}\nworkload:\n".to_owned()
+        + &(0..24_000)
+            .map(|key| format!("  k{key}: 1\n"))
+            .collect::<String>();
+    let started = std::time::Instant::now();
+    let rendered = told(text.as_bytes(), None).to_string();
+    assert!(
+        rendered.contains("more than 40 mistakes are in one section, and the rest of it was not looked at"),
+        "{rendered}"
+    );
+    let took = started.elapsed();
+    // With the square of the keys it takes a minute.
+    assert!(took < std::time::Duration::from_secs(10), "{took:?}");
+    let text = "matrix: {}\n".to_owned() + &(0..24_000).map(|key| format!("k{key}: 1\n")).collect::<String>();
+    let rendered = told(text.as_bytes(), None).to_string();
+    assert!(rendered.ends_with("and 23950 more"), "{rendered}");
+}
+
+#[test]
 fn programs_read_the_same() {
     insta::assert_snapshot!(
         serde_json::to_string_pretty(&told(b"matrix:\n  os: [x]\n  os: [y]\n", None).to_json()).unwrap()
     );
+}
+
+#[test]
+fn platforms_outside_of_the_folder_of_the_file_are_refused_in_every_profile() {
+    let text = "matrix: {}\nproviders: {simulated: {platforms: ../../etc}}\n\
+                profiles: {other: {providers: {simulated: {platforms: /etc}}}}\n";
+    let found = told(text.as_bytes(), None);
+    let found: Vec<_> = found
+        .to_json()
+        .iter()
+        .map(|it| (it.line, it.message.to_owned()))
+        .collect();
+    let expected = [(2, "../../etc"), (3, "/etc")].map(|(line, path)| {
+        (
+            line,
+            format!("`{path}` is not below the folder of the matrix file"),
+        )
+    });
+    assert_eq!(found, expected);
 }
 
 #[test]

@@ -1,5 +1,7 @@
 //! A value that knows where it stands in the text, and all it holds. The main type is [`Node`].
 
+use std::collections::HashMap;
+
 use serde_yaml::Value;
 
 use super::source::{Span, Spanned};
@@ -222,8 +224,14 @@ impl Node {
     pub fn overlay(&mut self, over: &Node) {
         match (&mut self.content, &over.content) {
             (Content::Mapping(entries), Content::Mapping(overs)) => {
+                // A file may have ten thousand keys, none of them right.
+                let known: HashMap<String, usize> = (0..)
+                    .zip(entries.iter())
+                    .map(|(at, entry)| (entry.key.value.clone(), at))
+                    .collect();
                 for over in overs {
-                    match entries.iter_mut().find(|entry| entry.key.value == over.key.value) {
+                    let at = known.get(&over.key.value);
+                    match at.and_then(|at| entries.get_mut(*at)) {
                         Some(entry) => {
                             entry.key.span = over.key.span;
                             entry.value.overlay(&over.value);

@@ -19,8 +19,8 @@ use super::{
     tree::Node,
 };
 
-/// Errors that are reported of one section; a file with more is not a matrix file.
-const ERRORS: usize = 50;
+/// Errors that are looked for in one section: each of them takes another reading of it, and nobody mends more at a time.
+const ERRORS: usize = 40;
 
 /// Reads a node as `T`.
 ///
@@ -40,7 +40,15 @@ pub fn read<T: DeserializeOwned>(source: &Arc<Source>, node: &Node) -> Result<T,
             found.push(error.into_diagnostic(source, node.span));
         }
         match cause {
-            Some(entry) if left_out.len() < ERRORS && left_out.insert(entry) => {}
+            Some(_) if left_out.len() >= ERRORS => {
+                let message = format!(
+                    "more than {ERRORS} mistakes are in one section, and the rest of it was not looked at"
+                );
+                let error = Diagnostic::error(source, Code::TooLarge, node.span, message);
+                found.push(error.help("mend those that are listed, then check the file again"));
+                return Err(found);
+            }
+            Some(entry) if left_out.insert(entry) => {}
             _ => return Err(found),
         }
     }

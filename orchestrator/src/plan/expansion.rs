@@ -19,6 +19,12 @@ use crate::matrix_file::{
 /// The reason of an exclude that gives none.
 const NO_REASON: &str = "excluded by the matrix file";
 
+/// All excludes of a file are compared with no more letters of its scenarios than these, in the worst case; it takes a second. 1000 scenarios
+/// with values of 20 letters take 500 patterns of 30.
+const LETTERS: usize = 300_000_000;
+/// To look for a misspelling takes as long as to compare so many letters for each pair of letters.
+const LETTERS_OF_A_MISSPELLING: usize = 10;
+
 /// Values of axes, in the order they are shown.
 pub type Values = Vec<(String, AxisValue)>;
 
@@ -59,6 +65,7 @@ pub fn expand(file: &MatrixFile, offers: &[HostCapabilities], found: &mut Diagno
         found,
         axes: Vec::new(),
         drafts: Vec::new(),
+        letters_left: LETTERS,
     };
     expansion.multiply();
     expansion.exclude();
@@ -70,6 +77,21 @@ pub fn expand(file: &MatrixFile, offers: &[HostCapabilities], found: &mut Diagno
         }
     }
     expansion.finish()
+}
+
+/// How many letters take as long as to look for what the values of an idle exclude were meant to be.
+fn letters_of_misspellings(exclude: &Exclude, known: &HashMap<String, Vec<String>>) -> usize {
+    let of = |condition: &Condition| {
+        let wanted = condition.plain().map(|value| value.text.len());
+        let known = known
+            .get(&condition.axis.value)
+            .map_or(&[] as &[String], Vec::as_slice);
+        let known = known
+            .iter()
+            .map(|value| value.len().saturating_mul(LETTERS_OF_A_MISSPELLING));
+        wanted.sum::<usize>().saturating_mul(known.sum())
+    };
+    exclude.conditions.iter().map(of).fold(0, usize::saturating_add)
 }
 
 /// A combination in the making.
@@ -90,6 +112,8 @@ struct Expansion<'a> {
     /// Axis names in order, those among them that the hosts give.
     axes: Vec<String>,
     drafts: Vec<Draft>,
+    /// So many letters more are compared.
+    letters_left: usize,
 }
 
 impl<'a> Expansion<'a> {
@@ -238,6 +262,9 @@ impl<'a> Expansion<'a> {
         let known = self.known_values();
         for exclude in &self.file.matrix.excludes {
             let reason = exclude.reason.as_deref().unwrap_or(NO_REASON);
+            if !self.may_compare(exclude, self.letters_of_patterns(exclude)) {
+                return;
+            }
             let mut matched = false;
             for draft in &mut self.drafts {
                 let fits = |condition: &Condition| {
@@ -250,9 +277,39 @@ impl<'a> Expansion<'a> {
                 }
             }
             if !matched && !self.drafts.is_empty() {
+                if !self.may_compare(exclude, letters_of_misspellings(exclude, &known)) {
+                    return;
+                }
                 self.matches_nothing(exclude, &known);
             }
         }
+    }
+
+    /// How many letters are compared at most to see which scenarios fit an exclude.
+    fn letters_of_patterns(&self, exclude: &Exclude) -> usize {
+        let of = |draft: &Draft, condition: &Condition| {
+            value_of(&draft.original, &condition.axis.value)
+                .map_or(0, |value| condition.letters_compared(&value.text))
+        };
+        let conditions = exclude.conditions.iter();
+        conditions
+            .flat_map(|condition| self.drafts.iter().map(move |draft| of(draft, condition)))
+            .fold(0, usize::saturating_add)
+    }
+
+    /// Whether so many letters more may be compared for an exclude. A file that is made to be slow is an error.
+    fn may_compare(&mut self, exclude: &Exclude, letters: usize) -> bool {
+        let left = self.letters_left.checked_sub(letters);
+        self.letters_left = left.unwrap_or_default();
+        if left.is_none() {
+            let message =
+                "the excludes have more values and patterns than can be compared with the scenarios";
+            let error = Diagnostic::error(&self.file.source, Code::TooLarge, exclude.span, message);
+            self.found.push(error.label("up to here").help(
+                "write one pattern in place of many, such as `debian-*`, or leave values off the axes",
+            ));
+        }
+        left.is_some()
     }
 
     /// Of each axis the values that the combinations have, each once: ten thousand excludes ask for them.

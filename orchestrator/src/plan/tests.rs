@@ -223,6 +223,42 @@ fn an_exclude_takes_lists_and_patterns(#[case] exclude: &str, #[case] excluded: 
     assert_eq!(found, excluded);
 }
 
+/// Excludes below the size limit that would take minutes, if each value were compared with each.
+#[rstest]
+#[case::patterns((0..40_000).map(|number| format!("w{number}*, ")).collect())]
+#[case::patterns_that_go_back(format!("{}, ", "*a".repeat(490)).repeat(500))]
+#[case::misspellings((0..40_000).map(|number| format!("w{number}, ")).collect())]
+fn excludes_made_to_be_slow_are_an_error(#[case] values: String) {
+    let labels: String = (0..1000)
+        .map(|number| format!("{}{number}, ", "a".repeat(200)))
+        .collect();
+    let values = values.trim_end_matches(", ").replace(", ", "\", \"");
+    let text = format!("matrix:\n  labels: {{x: [{labels}]}}\n  exclude:\n    - x: [\"{values}\"]\n");
+    let started = std::time::Instant::now();
+    let told = planned(&text).unwrap_err().to_string();
+    assert!(
+        told.contains("more values and patterns than can be compared"),
+        "{told}"
+    );
+    // Generous, for a busy machine: what is wrong here takes minutes.
+    let took = started.elapsed();
+    assert!(took < std::time::Duration::from_secs(20), "{took:?}");
+}
+
+#[test]
+fn a_thousand_scenarios_may_have_hundreds_of_patterns() {
+    let labels: String = (0..1000).map(|number| format!("debian-12.{number}, ")).collect();
+    let patterns: String = (0..500)
+        .map(|number| format!("\"debian-*.{number}\", "))
+        .collect();
+    let text = format!(
+        "matrix:\n  labels: {{release: [{labels}]}}\n  exclude:\n    - {{release: [{patterns}], reason: old}}\n"
+    );
+    let plan = planned(&text).unwrap();
+    let excluded = plan.record.scenarios.iter().filter(|it| !it.feasible);
+    assert_eq!(excluded.count(), 500);
+}
+
 #[test]
 fn an_include_may_leave_to_the_hosts_what_it_brings_back() {
     let paper = example("examples/paper.yaml");

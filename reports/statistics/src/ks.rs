@@ -23,7 +23,7 @@ use record::report_settings::Method;
 use serde::{Deserialize, Serialize};
 
 pub use columns::{Counting, PairColumns, PairCounts, key};
-pub use numbers::{NumbersError, read_numbers};
+pub use numbers::{Numbers, NumbersError, read_numbers};
 pub use pool::{Partners, Pool};
 pub use tails::SharedTails;
 

@@ -61,6 +61,7 @@ pub struct Quantiles(pub Vec<Quantile>);
 /// A probability, and the time that is not exceeded with it.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
+#[serde(expecting = "a pair of a probability and a time, such as `[0.5, 60us]`")]
 pub struct Quantile(pub f64, pub TimeSpan);
 
 impl StallModel {
@@ -178,11 +179,12 @@ impl PlatformModel {
                 format!("a platform does not stand still {per_hour} times an hour"),
                 "write a number from 0 to 360000",
             ));
-        } else if (per_hour > 0.0) == self.stalls.length.0.is_empty() {
+        } else if per_hour > 0.0 && self.stalls.length.0.is_empty() {
+            // The other way round there are no stalls: one who sweeps their number leaves the length where it is.
             problems.push((
                 "stalls.length",
-                "stalls have a number and a length, or neither".to_owned(),
-                "write both `per_hour` and `length`",
+                format!("{per_hour} stalls an hour have no length"),
+                "add `length` beside `per_hour`, such as `length: [[0, 10ms], [1, 40ms]]`, or write `per_hour: 0` for no stalls",
             ));
         }
         if self.stack.as_nanos() > Self::LONGEST_STACK.as_nanos() {
@@ -237,6 +239,14 @@ mod tests {
     }
 
     #[rstest]
+    #[case(r#"{"stalls": {"per_hour": 0, "length": [[0, "1ms"], [1, "1ms"]]}}"#)]
+    #[case(r#"{"stalls": {"per_hour": 100, "length": [[0, "1ms"], [1, "1ms"]]}}"#)]
+    fn a_length_of_stalls_may_stand_beside_any_number_of_them(#[case] text: &str) {
+        let model: PlatformModel = serde_json::from_str(text).unwrap();
+        assert_eq!(model.problems(), []);
+    }
+
+    #[rstest]
     #[case(
         r#"{"controller": {"late": [[0.1, "1us"], [1, "2us"]]}}"#,
         "controller.late",
@@ -255,11 +265,10 @@ mod tests {
     )]
     #[case(r#"{"reading": [[0, "3us"], [1, "31s"]]}"#, "reading", "31s is longer")]
     #[case(r#"{"stalls": {"per_hour": -1}}"#, "stalls.per_hour", "-1 times an hour")]
-    #[case(r#"{"stalls": {"per_hour": 2}}"#, "stalls.length", "a number and a length")]
     #[case(
-        r#"{"stalls": {"length": [[0, "1ms"], [1, "1ms"]]}}"#,
+        r#"{"stalls": {"per_hour": 2}}"#,
         "stalls.length",
-        "a number and a length"
+        "2 stalls an hour have no length"
     )]
     #[case(r#"{"stack": "11s"}"#, "stack", "11s is longer")]
     fn figures_that_no_platform_has_are_told_with_their_place(

@@ -1,5 +1,5 @@
 //! Files of numbers, one a line, as `matrix ks X Y` takes them. Blank lines and lines that begin with `#` are skipped,
-//! so that a file can say where it comes from. The main function is [`read_numbers`].
+//! so that a file can say where it comes from. The main function is [`read_numbers`]; [`Numbers`] takes line by line what may be long.
 //!
 //! Numbers are doubles, which from 2^53 on do not hold every whole number: 9007199254740993 would be read as ...992, and two
 //! different values be taken for equal. Such a number is refused.
@@ -33,6 +33,9 @@ pub enum NumbersError {
         /// The nearest double, in digits.
         read: String,
     },
+    /// More numbers than are tested.
+    #[error("there are more than {} numbers in it", Numbers::MOST)]
+    Many,
     /// No number at all.
     #[error("there is no number in it")]
     Empty,
@@ -51,6 +54,10 @@ impl NumbersError {
                 "values beyond 2^53, such as times in nanoseconds, must not merge: subtract the same whole number from all values \
                  of both files"
             }
+            Self::Many => {
+                "give a part of it, such as every tenth line (`awk 'NR % 10 == 0'`): so many numbers differ significantly in \
+                 whatever they differ"
+            }
             Self::Empty => "write at least one number, one a line",
         }
     }
@@ -59,35 +66,75 @@ impl NumbersError {
 /// Reads one number from each line.
 ///
 /// # Errors
-/// At the first line that is not a finite number, and when there is none.
+/// At the first line that is not a finite number, and when there is none, or more than [`Numbers::MOST`].
 pub fn read_numbers(text: &str) -> Result<Vec<f64>, NumbersError> {
-    let text = text.strip_prefix('\u{feff}').unwrap_or(text);
-    let numbers = text
-        .lines()
-        .enumerate()
-        .map(|(index, line)| (index + 1, line.trim()))
-        .filter(|(_, line)| !line.is_empty() && !line.starts_with('#'))
-        .map(|(line, text)| match text.parse::<f64>() {
-            Ok(number) if number.is_finite() && is_exact(text, number) => Ok(number),
-            Ok(number) if number.is_finite() => Err(NumbersError::NotExact {
-                line,
-                text: shortened(text),
-                read: format!("{number:.0}"),
-            }),
-            Ok(_) => Err(NumbersError::NotFinite {
-                line,
-                text: shortened(text),
-            }),
-            Err(_) => Err(NumbersError::NotANumber {
-                line,
-                text: shortened(text),
-            }),
-        })
-        .collect::<Result<Vec<_>, _>>()?;
-    if numbers.is_empty() {
-        return Err(NumbersError::Empty);
+    let mut numbers = Numbers::default();
+    text.lines().try_for_each(|line| numbers.add(line))?;
+    numbers.all()
+}
+
+/// The numbers of lines that are read one by one.
+#[derive(Debug, Clone, Default)]
+pub struct Numbers {
+    numbers: Vec<f64>,
+    lines: usize,
+}
+
+impl Numbers {
+    /// More are refused. A test of two files of so many takes some 250 MB.
+    pub const MOST: usize = 3_000_000;
+
+    /// Takes the number of the next line, if there is one.
+    ///
+    /// # Errors
+    /// When it is not a finite number, or one too many.
+    pub fn add(&mut self, line: &str) -> Result<(), NumbersError> {
+        let line = match self.lines {
+            0 => line.strip_prefix('\u{feff}').unwrap_or(line),
+            _ => line,
+        };
+        self.lines += 1;
+        let text = line.trim();
+        if text.is_empty() || text.starts_with('#') {
+            return Ok(());
+        }
+        if self.numbers.len() == Self::MOST {
+            return Err(NumbersError::Many);
+        }
+        self.numbers.push(number(self.lines, text)?);
+        Ok(())
     }
-    Ok(numbers)
+
+    /// All of them.
+    ///
+    /// # Errors
+    /// When there is none.
+    pub fn all(mut self) -> Result<Vec<f64>, NumbersError> {
+        self.numbers.shrink_to_fit();
+        match self.numbers.is_empty() {
+            true => Err(NumbersError::Empty),
+            false => Ok(self.numbers),
+        }
+    }
+}
+
+fn number(line: usize, text: &str) -> Result<f64, NumbersError> {
+    match text.parse::<f64>() {
+        Ok(number) if number.is_finite() && is_exact(text, number) => Ok(number),
+        Ok(number) if number.is_finite() => Err(NumbersError::NotExact {
+            line,
+            text: shortened(text),
+            read: format!("{number:.0}"),
+        }),
+        Ok(_) => Err(NumbersError::NotFinite {
+            line,
+            text: shortened(text),
+        }),
+        Err(_) => Err(NumbersError::NotANumber {
+            line,
+            text: shortened(text),
+        }),
+    }
 }
 
 /// The first double that is followed by a whole number which is none.
@@ -171,6 +218,17 @@ mod tests {
         ];
         assert_eq!(read_numbers(text), Ok(expected.to_vec()));
         assert_eq!(read_numbers(&format!("{:.0}", f64::MAX)), Ok(vec![f64::MAX]));
+    }
+
+    #[test]
+    fn more_numbers_than_are_tested_are_refused() {
+        let mut numbers = Numbers::default();
+        for _ in 0..Numbers::MOST {
+            numbers.add("1").unwrap();
+        }
+        assert_eq!(numbers.add("# the end"), Ok(()));
+        let error = numbers.add("2").unwrap_err();
+        assert_eq!(error.to_string(), "there are more than 3000000 numbers in it");
     }
 
     #[test]
