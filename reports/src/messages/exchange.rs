@@ -2,7 +2,7 @@
 //! The main type is [`Exchange`].
 
 use std::{
-    collections::{HashMap, hash_map::Entry},
+    collections::{BTreeMap, btree_map::Entry},
     net::Ipv4Addr,
 };
 
@@ -57,7 +57,8 @@ fn ends(segment: &Segment<'_>) -> [Ipv4Addr; 2] {
 #[derive(Debug)]
 pub(super) struct Exchange {
     messages: Messages,
-    flows: HashMap<Ports, Flow>,
+    /// In an order, so that the rows of a table are in the same order each time.
+    flows: BTreeMap<Ports, Flow>,
     /// The memory of all of them.
     held_bytes: usize,
     sweep_due_unix_ns: i64,
@@ -68,7 +69,7 @@ impl Exchange {
     pub fn of(messages: Messages) -> Self {
         Self {
             messages,
-            flows: HashMap::new(),
+            flows: BTreeMap::new(),
             held_bytes: 0,
             sweep_due_unix_ns: 0,
         }
@@ -139,8 +140,7 @@ impl Exchange {
 
     /// Both captures have ended.
     pub fn finish(mut self, out: &mut impl FnMut(Ports, Delivery)) {
-        let mut ports: Vec<Ports> = self.flows.keys().copied().collect();
-        ports.sort_unstable();
+        let ports: Vec<Ports> = self.flows.keys().copied().collect();
         for ports in ports {
             self.end(ports, out);
         }

@@ -442,6 +442,34 @@ fn both_directions_of_one_connection_and_two_connections_are_kept_apart() {
 }
 
 #[test]
+fn messages_of_many_connections_are_given_out_in_the_same_order_each_time() {
+    let connection = Connection {
+        first_sequence: 1,
+        with_clock: true,
+    };
+    let mut packets = Vec::new();
+    for port in (1..40).rev() {
+        let state = state(9);
+        let acknowledged = 1 + state.len() as u32;
+        let data = connection.frame(Topic::State, (port, 2), 1, 1, 0, &state);
+        let answer = connection.frame(Topic::Command, (2, port), 1, acknowledged, 0, &[]);
+        packets.extend([data, answer].map(|frame| Seen {
+            at_ns: 0,
+            host: VirtualHost::STA2,
+            frame,
+        }));
+    }
+    // Long after, all of them are looked for at once.
+    packets.push(Seen {
+        at_ns: 60_000 * MILLISECOND,
+        host: VirtualHost::STA2,
+        frame: connection.frame(Topic::State, (100, 2), 1, 1, 0, b"x"),
+    });
+    let ports: Vec<u16> = deliveries(packets).iter().map(|(ports, _)| ports.from).collect();
+    assert_eq!(ports, (1..40).collect::<Vec<_>>());
+}
+
+#[test]
 fn ports_that_are_used_anew_are_another_connection() {
     let connection = Connection {
         first_sequence: 1,
