@@ -9,6 +9,7 @@
 //!
 //! Everything is read once and as a stream. What is kept of a connection is what is under way, and of the tables a piece.
 
+mod content;
 mod crossings;
 mod exchange;
 mod flow;
@@ -304,8 +305,10 @@ fn read_packets(
 ) -> Result<(), MessagesError> {
     let mut exchange = Exchange::of(messages);
     let mut given = Vec::new();
-    stretch.read(|host, packet| {
-        exchange.take(host, packet, &mut |ports, delivery| given.push((ports, delivery)));
+    stretch.read(|host, packet, file| {
+        exchange
+            .take(host, packet, &mut |ports, delivery| given.push((ports, delivery)))
+            .map_err(|too_much| file.has_too_much(too_much))?;
         given
             .drain(..)
             .try_for_each(|(ports, delivery)| out(ports, delivery))

@@ -11,10 +11,12 @@ mod capture_file;
 mod segment;
 mod sequence;
 mod stretch;
+mod too_much;
 mod topic;
 
 pub use capture_file::{CaptureFault, CaptureFile, CaptureReadError, Packet};
 pub use segment::Segment;
 pub use sequence::{Coming, Departure, Furthest, Passage, count_on};
 pub use stretch::{CapturedWindow, Stretch};
+pub use too_much::{MOST_CONNECTIONS, SILENCE_NS, TooMuch};
 pub use topic::Topic;

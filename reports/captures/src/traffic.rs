@@ -11,7 +11,8 @@
 //! A packet here is a TCP segment with some of the stream in it. It is known again at the other capture by its ports,
 //! place, length, TCP's clock and IP's number, so that a retransmitted packet is another one than the first.
 //! Captures are read once and as a stream: what is held is what is under way, of each window its periods and curves, and a
-//! histogram of fixed size for each distribution of the windows of the last minute.
+//! histogram of fixed size for each distribution of the windows of the last minute. A window that has more under way, or more
+//! connections, than any experiment is left out as one whose captures cannot be read.
 
 mod connection;
 mod direction;
@@ -95,12 +96,13 @@ pub fn read(windows: Vec<CapturedWindow>, period: TimeSpan) -> ScenarioTraffic {
 fn read_stretch(stretch: &Stretch, period_ns: i64) -> Result<Vec<WindowTraffic>, CaptureReadError> {
     let mut directions = Directions::default();
     let mut windows = Windows::of(stretch, period_ns);
-    stretch.read(|host, packet| {
+    stretch.read(|host, packet, file| {
         windows.finish_before(packet.stamp_unix_ns.saturating_sub(LONGEST_NS));
         if let Some(segment) = Segment::parse(packet) {
-            directions.take(host, &segment, packet.stamp_unix_ns, &mut |topic, passing| {
+            let followed = directions.take(host, &segment, packet.stamp_unix_ns, &mut |topic, passing| {
                 windows.count(topic, &passing);
             });
+            followed.map_err(|too_much| file.has_too_much(too_much))?;
         }
         Ok::<_, CaptureReadError>(())
     })?;

@@ -17,17 +17,14 @@ use captures::packets::{Passage, Segment, Topic, count_on};
 use record::settings::Messages;
 
 use super::{
+    content::{Content, LARGEST_FLIGHT},
     crossings::{Crossing, Crossings},
-    frames::{Found, FrameFinder, Label},
+    frames::{FrameFinder, Label},
     spans::Spans,
 };
 
 /// How long after it was acknowledged a message waits for duplicates: longer than a packet can be under way.
 const LINGER_NS: i64 = 5_000_000_000;
-/// More than this cannot be under way: the largest window that TCP has is 1 GiB, and that of Linux 6 MiB.
-const LARGEST_FLIGHT: u64 = 16 << 20;
-/// How much that is done with is kept in front of the content before it is moved.
-const COMPACT_BYTES: usize = 64 << 10;
 /// The place of the first sequence number that is seen: what comes before it can still be counted.
 const ORIGIN: u64 = 1 << 32;
 
@@ -74,6 +71,8 @@ pub(super) struct Flow {
     arrived: Crossings,
     acknowledged: Option<u64>,
     pending: VecDeque<Pending>,
+    /// How many stretches of them have not arrived.
+    missing: usize,
     /// The latest arrival among the messages that were given out.
     in_order_unix_ns: i64,
     /// The last packet's stamp.
@@ -91,6 +90,7 @@ impl Flow {
             arrived: Crossings::default(),
             acknowledged: None,
             pending: VecDeque::new(),
+            missing: 0,
             in_order_unix_ns: i64::MIN,
             last_unix_ns: i64::MIN,
         }
@@ -112,7 +112,7 @@ impl Flow {
             return;
         };
         let crossing = self.sent.add(begin, end, at_unix_ns, segment.departure());
-        if self.content.has_begun() && end > self.content.begin + LARGEST_FLIGHT {
+        if (self.content.begin()).is_some_and(|first| end > first + LARGEST_FLIGHT) {
             // Its acknowledgements are not in the capture.
             self.settle(end - LARGEST_FLIGHT / 2, at_unix_ns);
         }
@@ -130,7 +130,9 @@ impl Flow {
         };
         let crossing = self.arrived.add(begin, end, at_unix_ns, segment.departure());
         for pending in overlapping(&mut self.pending, &crossing) {
+            self.missing -= pending.missing.count();
             pending.arrive(&crossing);
+            self.missing += pending.missing.count();
         }
     }
 
@@ -152,6 +154,7 @@ impl Flow {
             .front()
             .filter(|front| front.found_unix_ns.saturating_add(LINGER_NS) <= now_unix_ns)
         {
+            self.missing -= front.missing.count();
             let mut delivery = front.delivery.clone();
             if let Some(arrived) = delivery.wire_in_unix_ns {
                 self.in_order_unix_ns = self.in_order_unix_ns.max(arrived);
@@ -171,9 +174,13 @@ impl Flow {
     }
 
     /// The memory that is held for what is under way.
-    #[cfg(test)]
-    pub fn kept_bytes(&self) -> usize {
-        self.content.bytes.len() + self.pending.len() * size_of::<Pending>()
+    pub fn held_bytes(&self) -> usize {
+        let messages = self.pending.len() * size_of::<Pending>() + self.missing * size_of::<(u64, u64)>();
+        size_of::<Self>()
+            + self.content.held_bytes()
+            + self.sent.held_bytes()
+            + self.arrived.held_bytes()
+            + messages
     }
 
     /// Where a segment's payload is in the stream; none if it has none.
@@ -201,6 +208,7 @@ impl Flow {
             sent,
             arrived,
             pending,
+            missing,
             ..
         } = self;
         content.take(finder, end, |begin, found| {
@@ -226,10 +234,13 @@ impl Flow {
             arrived
                 .of(begin, end)
                 .for_each(|crossing| message.arrive(crossing));
+            *missing += message.missing.count();
             pending.push_back(message);
         });
-        sent.forget_before(content.begin);
-        arrived.forget_before(content.begin);
+        if let Some(begin) = content.begin() {
+            sent.forget_before(begin);
+            arrived.forget_before(begin);
+        }
     }
 }
 
@@ -275,86 +286,4 @@ fn overlapping<'a>(
     let first = pending.partition_point(|message| message.end <= begin);
     let after = pending.partition_point(|message| message.begin < end);
     pending.range_mut(first..after.max(first))
-}
-
-/// The bytes of a stream from the first one that is not done with.
-#[derive(Debug, Default)]
-struct Content {
-    /// The place of the first byte; 0, which no byte has, until there is one.
-    begin: u64,
-    /// Its bytes, after `done` bytes that are no longer wanted.
-    bytes: Vec<u8>,
-    done: usize,
-    /// Which of them are there.
-    kept: Spans,
-}
-
-impl Content {
-    /// Whether any byte has been kept.
-    const fn has_begun(&self) -> bool {
-        self.begin > 0
-    }
-
-    /// Keeps what is new of a segment's bytes. The content may begin earlier than it did if nothing in between has been
-    /// acknowledged.
-    fn keep(&mut self, begin: u64, payload: &[u8], may_begin_here: bool) {
-        if !self.has_begun() {
-            self.begin = begin;
-        }
-        if begin < self.begin && may_begin_here && self.begin - begin <= LARGEST_FLIGHT {
-            let earlier = (self.begin - begin) as usize;
-            self.bytes.splice(0..self.done, std::iter::repeat_n(0, earlier));
-            self.done = 0;
-            self.begin = begin;
-        }
-        let known = self.begin.saturating_sub(begin).min(payload.len() as u64);
-        let payload = payload.get(known as usize..).unwrap_or_default();
-        let begin = begin + known;
-        let at = self.done + (begin - self.begin.min(begin)) as usize;
-        if payload.is_empty() {
-            return;
-        }
-        if self.bytes.len() < at + payload.len() {
-            self.bytes.resize(at + payload.len(), 0);
-        }
-        if let Some(place) = self.bytes.get_mut(at..at + payload.len()) {
-            place.copy_from_slice(payload);
-        }
-        self.kept.add(begin, begin + payload.len() as u64);
-    }
-
-    /// Searches what is there before `end`, and passes over what is not. What is found is told with the place of the
-    /// bytes that it was found in.
-    fn take(&mut self, finder: &mut FrameFinder, end: u64, mut found: impl FnMut(u64, Found)) {
-        while self.begin < end {
-            let covered = self.kept.end_from(self.begin).min(end);
-            let bytes = self
-                .bytes
-                .get(self.done..self.done + (covered - self.begin) as usize)
-                .unwrap_or_default();
-            let begin = self.begin;
-            let searched = finder.search(bytes, |message| found(begin, message));
-            if covered == end {
-                self.pass(begin + searched as u64);
-                return;
-            }
-            finder.lose_step();
-            let next = self.kept.begin_after(covered).map_or(end, |next| next.min(end));
-            self.pass(next);
-        }
-    }
-
-    /// What is before `begin` is done with.
-    fn pass(&mut self, begin: u64) {
-        self.kept.remove(0, begin);
-        self.done += (begin - self.begin) as usize;
-        self.begin = begin;
-        if self.done >= self.bytes.len() {
-            self.bytes.clear();
-            self.done = 0;
-        } else if self.done > COMPACT_BYTES {
-            self.bytes.drain(..self.done);
-            self.done = 0;
-        }
-    }
 }

@@ -14,6 +14,8 @@ use pcap_file::{DataLink, PcapError, TsResolution, pcap::PcapParser};
 use record::{run_directory::Place, window::FileRecord};
 use sha2::{Digest, Sha256};
 
+use super::TooMuch;
+
 /// What is asked of the file at once.
 const FIRST_BUFFER_BYTES: usize = 1 << 18;
 /// No packet is longer: the largest `snaplen` that libpcap takes, and its header.
@@ -94,6 +96,9 @@ pub enum CaptureFault {
     /// What is in it is not what was sealed.
     #[error(transparent)]
     NotAsRecorded(#[from] NotAsRecorded),
+    /// It is whole, and nobody follows what is in it.
+    #[error(transparent)]
+    TooMuch(#[from] TooMuch),
     /// The operating system refused, or the file is not there.
     #[error("it cannot be read")]
     Io(#[source] io::Error),
@@ -107,6 +112,10 @@ impl CaptureReadError {
             CaptureFault::Io(_) => "see that the file is there and that you may read it",
             CaptureFault::NotOurs { .. } => {
                 "give a capture as the workload writes it: pcap, plain or compressed with zstd"
+            }
+            CaptureFault::TooMuch(_) => {
+                "if the experiment sends so much, keep it out with `capture.filter` in the matrix file; otherwise restore the file \
+                 from a copy, or move the window's folder away"
             }
             CaptureFault::Cut { .. }
             | CaptureFault::Damaged { .. }
@@ -292,6 +301,15 @@ impl CaptureFile {
             original_bytes: place.original_bytes,
             bytes: self.buffer.get(place.bytes.clone())?,
         })
+    }
+
+    /// That this capture has too much of something, which its current packet shows.
+    #[must_use]
+    pub fn has_too_much(&self, of: TooMuch) -> CaptureReadError {
+        CaptureReadError {
+            path: self.path.clone(),
+            source: of.into(),
+        }
     }
 
     /// Bytes that the file keeps of a packet at most.

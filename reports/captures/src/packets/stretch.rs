@@ -77,13 +77,14 @@ impl Stretch {
         stretches
     }
 
-    /// Gives each packet of the controller's and the plant's captures to `take`, in the order of their stamps.
+    /// Gives each packet of the controller's and the plant's captures to `take`, in the order of their stamps, with the file that
+    /// it is in.
     ///
     /// # Errors
     /// If a capture cannot be read or is another than its record says, and what `take` fails with.
     pub fn read<E: From<CaptureReadError>>(
         &self,
-        mut take: impl FnMut(VirtualHost, &Packet<'_>) -> Result<(), E>,
+        mut take: impl FnMut(VirtualHost, &Packet<'_>, &CaptureFile) -> Result<(), E>,
     ) -> Result<(), E> {
         let mut sources = Topic::ALL.map(|topic| (topic.sender(), self.packets(topic.sender())));
         for (_, packets) in &mut sources {
@@ -92,9 +93,9 @@ impl Stretch {
         while let Some((host, packets)) = sources
             .iter_mut()
             .min_by_key(|(_, packets)| packets.stamp_unix_ns())
-            && let Some(packet) = packets.packet()
+            && let Some((packet, file)) = packets.packet()
         {
-            take(*host, &packet)?;
+            take(*host, &packet, file)?;
             packets.advance()?;
         }
         Ok(())
@@ -185,13 +186,14 @@ impl HostPackets {
         }
     }
 
-    /// The current packet; none after the last one.
-    fn packet(&self) -> Option<Packet<'_>> {
-        self.open.as_ref().and_then(CaptureFile::packet)
+    /// The current packet and its file; none after the last one.
+    fn packet(&self) -> Option<(Packet<'_>, &CaptureFile)> {
+        let file = self.open.as_ref()?;
+        Some((file.packet()?, file))
     }
 
     /// Its stamp; later than all when there is none.
     fn stamp_unix_ns(&self) -> i64 {
-        self.packet().map_or(i64::MAX, |packet| packet.stamp_unix_ns)
+        self.packet().map_or(i64::MAX, |(packet, _)| packet.stamp_unix_ns)
     }
 }

@@ -6,7 +6,7 @@ use std::collections::{HashMap, VecDeque};
 use record::{topology::address_in_the_ball, virtual_host::VirtualHost};
 
 use super::connection::{Connection, Rtt};
-use crate::packets::{Segment, Topic};
+use crate::packets::{MOST_CONNECTIONS, SILENCE_NS, Segment, TooMuch, Topic};
 
 /// A packet is not under way for longer: one that has not arrived by then is lost. Far beyond the queues of any network
 /// that the experiment can be asked to run on.
@@ -15,6 +15,10 @@ const LONGEST_WAY_NS: i64 = 5_000_000_000;
 const LAST_WAY_NS: i64 = 1_000_000_000;
 /// More packets than this are not under way: the receiver's capture is not of the same network.
 const MOST: usize = 1 << 18;
+/// So much is kept of all connections of a direction, in segments: that of 32 of which nobody acknowledges anything.
+const MOST_KEPT: usize = 1 << 21;
+/// Connections that have gone silent are looked for no oftener.
+const SWEEP_EVERY_NS: i64 = 1_000_000_000;
 
 /// What became of a packet. Times are wall clock, nanoseconds since 1970.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -66,17 +70,20 @@ pub(super) struct Directions {
 
 impl Directions {
     /// A segment in the capture of `host`; those of both captures come in the order of their stamps.
+    ///
+    /// # Errors
+    /// If more is to be followed than any experiment has.
     pub fn take(
         &mut self,
         host: VirtualHost,
         segment: &Segment<'_>,
         at_unix_ns: i64,
         out: &mut impl FnMut(Topic, Passing),
-    ) {
+    ) -> Result<(), TooMuch> {
         let ends = [*segment.source.ip(), *segment.destination.ip()];
         let is_of = |topic: &Topic| [topic.sender(), topic.receiver()].map(address_in_the_ball) == ends;
         let Some(topic) = Topic::ALL.into_iter().find(is_of) else {
-            return;
+            return Ok(());
         };
         let [state, command] = &mut self.directions;
         let (direction, back) = match topic {
@@ -84,15 +91,14 @@ impl Directions {
             Topic::Command => (command, state),
         };
         if host == topic.sender() {
-            direction.send(segment, at_unix_ns, &mut |passing| out(topic, passing));
+            direction.send(segment, at_unix_ns, &mut |passing| out(topic, passing))?;
         } else if host == topic.receiver() {
             direction.receive(segment, at_unix_ns, &mut |passing| out(topic, passing));
             // What it acknowledges was sent by the host that it arrives at.
             let ports = (segment.destination.port(), segment.source.port());
-            let acknowledged = segment.acknowledged.and_then(|number| {
-                let connection = back.connections.get_mut(&ports)?;
-                connection.acknowledge(number, at_unix_ns)
-            });
+            let acknowledged = segment
+                .acknowledged
+                .and_then(|number| back.connections.acknowledge(ports, number, at_unix_ns));
             if let Some(Rtt {
                 sent_unix_ns,
                 took_ns,
@@ -105,6 +111,7 @@ impl Directions {
                 out(topic.back(), passing);
             }
         }
+        Ok(())
     }
 
     /// Both captures have ended.
@@ -138,10 +145,66 @@ impl Identity {
     }
 }
 
+/// The connections of one direction that are followed, by their ports.
+#[derive(Debug, Default)]
+struct Connections {
+    followed: HashMap<(u16, u16), Connection>,
+    /// What is kept of all of them together.
+    kept: usize,
+    sweep_due_unix_ns: i64,
+}
+
+impl Connections {
+    /// A segment leaves, as [`Connection::send`].
+    fn send(
+        &mut self,
+        ports: (u16, u16),
+        segment: &Segment<'_>,
+        at_unix_ns: i64,
+    ) -> Result<Option<bool>, TooMuch> {
+        // Each direction may have half of them.
+        let is_full = self.followed.len() >= MOST_CONNECTIONS / 2;
+        if is_full && !self.followed.contains_key(&ports) {
+            self.make_room(at_unix_ns)?;
+        }
+        let connection = self.followed.entry(ports).or_default();
+        let kept = connection.kept();
+        let is_retransmitted = connection.send(segment, at_unix_ns);
+        self.kept = self.kept - kept + connection.kept();
+        if self.kept > MOST_KEPT {
+            return Err(TooMuch::UnderWay);
+        }
+        Ok(is_retransmitted)
+    }
+
+    /// An acknowledgement comes, as [`Connection::acknowledge`].
+    fn acknowledge(&mut self, ports: (u16, u16), number: u32, at_unix_ns: i64) -> Option<Rtt> {
+        let connection = self.followed.get_mut(&ports)?;
+        let kept = connection.kept();
+        let rtt = connection.acknowledge(number, at_unix_ns);
+        self.kept = self.kept - kept + connection.kept();
+        rtt
+    }
+
+    /// Forgets the connections that have gone silent.
+    fn make_room(&mut self, now_unix_ns: i64) -> Result<(), TooMuch> {
+        if now_unix_ns >= self.sweep_due_unix_ns {
+            self.sweep_due_unix_ns = now_unix_ns + SWEEP_EVERY_NS;
+            self.followed
+                .retain(|_, connection| !connection.is_silent_since(now_unix_ns - SILENCE_NS));
+            self.kept = self.followed.values().map(Connection::kept).sum();
+        }
+        if self.followed.len() >= MOST_CONNECTIONS / 2 {
+            return Err(TooMuch::Connections);
+        }
+        Ok(())
+    }
+}
+
 /// One direction, all connections.
 #[derive(Debug, Default)]
 struct Direction {
-    connections: HashMap<(u16, u16), Connection>,
+    connections: Connections,
     /// When each packet that has not arrived was sent, and as the how many-th.
     under_way: HashMap<Identity, (i64, u64)>,
     /// The same in the order in which they were sent; some have arrived since.
@@ -155,16 +218,20 @@ struct Direction {
 }
 
 impl Direction {
-    fn send(&mut self, segment: &Segment<'_>, at_unix_ns: i64, out: &mut impl FnMut(Passing)) {
+    fn send(
+        &mut self,
+        segment: &Segment<'_>,
+        at_unix_ns: i64,
+        out: &mut impl FnMut(Passing),
+    ) -> Result<(), TooMuch> {
         self.last_unix_ns = at_unix_ns;
         self.lose(at_unix_ns.saturating_sub(LONGEST_WAY_NS), out);
         if segment.payload_bytes == 0 && !segment.opens {
-            return;
+            return Ok(());
         }
         let ports = (segment.source.port(), segment.destination.port());
-        let connection = self.connections.entry(ports).or_default();
-        let Some(is_retransmitted) = connection.send(segment, at_unix_ns) else {
-            return;
+        let Some(is_retransmitted) = self.connections.send(ports, segment, at_unix_ns)? else {
+            return Ok(());
         };
         let identity = Identity::of(segment);
         self.sent += 1;
@@ -178,6 +245,7 @@ impl Direction {
         if let Some((sent_unix_ns, _)) = twin {
             out(Passing::Lost { sent_unix_ns });
         }
+        Ok(())
     }
 
     fn receive(&mut self, segment: &Segment<'_>, at_unix_ns: i64, out: &mut impl FnMut(Passing)) {

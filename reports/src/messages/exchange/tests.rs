@@ -115,9 +115,11 @@ fn deliveries(mut packets: Vec<Seen>) -> Vec<(Ports, Delivery)> {
             original_bytes: frame.len(),
             bytes: frame,
         };
-        exchange.take(*host, &packet, &mut |ports, delivery| {
-            given.push((ports, delivery))
-        });
+        exchange
+            .take(*host, &packet, &mut |ports, delivery| {
+                given.push((ports, delivery))
+            })
+            .unwrap();
     }
     exchange.finish(&mut |ports, delivery| given.push((ports, delivery)));
     given
@@ -440,6 +442,34 @@ fn both_directions_of_one_connection_and_two_connections_are_kept_apart() {
 }
 
 #[test]
+fn messages_of_many_connections_are_given_out_in_the_same_order_each_time() {
+    let connection = Connection {
+        first_sequence: 1,
+        with_clock: true,
+    };
+    let mut packets = Vec::new();
+    for port in (1..40).rev() {
+        let state = state(9);
+        let acknowledged = 1 + state.len() as u32;
+        let data = connection.frame(Topic::State, (port, 2), 1, 1, 0, &state);
+        let answer = connection.frame(Topic::Command, (2, port), 1, acknowledged, 0, &[]);
+        packets.extend([data, answer].map(|frame| Seen {
+            at_ns: 0,
+            host: VirtualHost::STA2,
+            frame,
+        }));
+    }
+    // Long after, all of them are looked for at once.
+    packets.push(Seen {
+        at_ns: 60_000 * MILLISECOND,
+        host: VirtualHost::STA2,
+        frame: connection.frame(Topic::State, (100, 2), 1, 1, 0, b"x"),
+    });
+    let ports: Vec<u16> = deliveries(packets).iter().map(|(ports, _)| ports.from).collect();
+    assert_eq!(ports, (1..40).collect::<Vec<_>>());
+}
+
+#[test]
 fn ports_that_are_used_anew_are_another_connection() {
     let connection = Connection {
         first_sequence: 1,
@@ -491,10 +521,99 @@ fn a_whole_connection_needs_the_memory_of_what_is_under_way() {
             original_bytes: frame.len(),
             bytes: frame,
         };
-        exchange.take(*host, &packet, &mut |_, _| ());
-        let kept: usize = exchange.flows.values().map(Flow::kept_bytes).sum();
+        exchange.take(*host, &packet, &mut |_, _| ()).unwrap();
+        let kept: usize = exchange.flows.values().map(Flow::held_bytes).sum();
+        assert_eq!(kept, exchange.held_bytes);
         most = most.max(kept);
     }
     // 40 s of 50 messages a second: 5 s of them wait for duplicates, the rest is gone.
     assert!(most < 300 * 256 + (128 << 10), "{most} bytes");
+}
+
+/// States of one connection each, or of a few; all at the same time.
+fn take_states(
+    count: u32,
+    mut of: impl FnMut(u32) -> ((u16, u16), u32),
+) -> (u32, Result<(), TooMuch>, Exchange) {
+    let connection = Connection {
+        first_sequence: 0,
+        with_clock: false,
+    };
+    let mut exchange = Exchange::of(Messages::Rates);
+    for number in 0..count {
+        let (ports, sequence) = of(number);
+        let frame = connection.frame(Topic::State, ports, sequence, 1, 0, b"x");
+        let packet = Packet {
+            stamp_unix_ns: 0,
+            original_bytes: frame.len(),
+            bytes: &frame,
+        };
+        if let Err(too_much) = exchange.take(VirtualHost::STA2, &packet, &mut |_, _| ()) {
+            return (number, Err(too_much), exchange);
+        }
+    }
+    (count, Ok(()), exchange)
+}
+
+#[test]
+fn connections_without_end_are_too_many() {
+    let ports = |number: u32| (number as u16, (1 + (number >> 16)) as u16);
+    let (followed, outcome, _) = take_states(1 << 18, |number| (ports(number), 1));
+    assert_eq!(outcome, Err(TooMuch::Connections));
+    assert_eq!(followed, MOST_CONNECTIONS as u32);
+}
+
+#[test]
+fn a_segment_far_ahead_or_far_behind_takes_no_memory_for_what_is_between() {
+    // A thousand connections of two segments each, of which one is 8 MiB before the other.
+    let between = |number: u32| ((number as u16 / 2, 1), (1 + number % 2) << 23);
+    let (.., exchange) = take_states(2000, between);
+    assert!(exchange.held_bytes < 2 << 20, "{} bytes", exchange.held_bytes);
+    let (.., exchange) = take_states(200, |number| ((1, 1), u32::MAX - (number << 23)));
+    assert!(exchange.held_bytes < 1 << 20, "{} bytes", exchange.held_bytes);
+}
+
+#[test]
+fn messages_that_all_come_at_once_are_too_many() {
+    let (stream, length) = stream(2000);
+    let connection = Connection {
+        first_sequence: 1,
+        with_clock: true,
+    };
+    let mut exchange = Exchange::of(Messages::Rates);
+    let mut take = |host, frame: &[u8]| {
+        let packet = Packet {
+            stamp_unix_ns: 0,
+            original_bytes: frame.len(),
+            bytes: frame,
+        };
+        exchange.take(host, &packet, &mut |_, _| ())
+    };
+    let mut outcome = Ok(());
+    let segments = stream.chunks(200 * length);
+    for (number, bytes) in segments.cycle().take(20_000).enumerate() {
+        let offset = number * 200 * length;
+        outcome = take(VirtualHost::STA2, &connection.data(offset, bytes, 0));
+        outcome = outcome.and_then(|()| {
+            let acknowledgement = connection.acknowledgement(offset + bytes.len(), 0);
+            take(VirtualHost::STA2, &acknowledgement)
+        });
+        if outcome.is_err() {
+            break;
+        }
+    }
+    assert_eq!(outcome, Err(TooMuch::UnderWay));
+}
+
+#[test]
+fn segments_of_one_connection_that_come_again_among_many_are_found_at_once() {
+    let began = std::time::Instant::now();
+    let place = |number: u32| match number {
+        0..65_000 => number,
+        _ => number.wrapping_mul(7919) % 65_000,
+    };
+    let (_, outcome, _) = take_states(200_000, |number| ((1, 2), 1 + 2 * place(number)));
+    assert_eq!(outcome, Ok(()));
+    // It takes 2 s without optimisation. To look at each of the others takes minutes.
+    assert!(began.elapsed().as_secs() < 20, "{:?}", began.elapsed());
 }

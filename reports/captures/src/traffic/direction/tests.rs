@@ -50,7 +50,9 @@ fn passings(seen: &[(i64, VirtualHost, Segment<'_>)]) -> Vec<(Topic, Passing)> {
     let mut found = Vec::new();
     let mut out = |topic, passing| found.push((topic, passing));
     for (at_ms, host, segment) in seen {
-        directions.take(*host, segment, at_ms * MILLISECOND, &mut out);
+        directions
+            .take(*host, segment, at_ms * MILLISECOND, &mut out)
+            .unwrap();
     }
     directions.finish(&mut out);
     found
@@ -185,22 +187,82 @@ fn memory_is_that_of_what_is_under_way_however_long_the_captures_are() {
     for number in 0..100_000_u32 {
         let at_ns = i64::from(number) * 20 * MILLISECOND;
         let packet = state(number, number as u16);
-        directions.take(SENDER, &packet, at_ns, &mut ignore);
+        directions.take(SENDER, &packet, at_ns, &mut ignore).unwrap();
         // Every hundredth is lost.
         if number % 100 > 0 {
-            directions.take(RECEIVER, &packet, at_ns + 10 * MILLISECOND, &mut ignore);
+            directions
+                .take(RECEIVER, &packet, at_ns + 10 * MILLISECOND, &mut ignore)
+                .unwrap();
         }
-        directions.take(
-            SENDER,
-            &acknowledgement(number),
-            at_ns + 15 * MILLISECOND,
-            &mut ignore,
-        );
+        directions
+            .take(
+                SENDER,
+                &acknowledgement(number),
+                at_ns + 15 * MILLISECOND,
+                &mut ignore,
+            )
+            .unwrap();
     }
     let [direction, _] = &directions.directions;
     // Those of the longest way: 5 s at 50 a second, of which two are lost.
     assert_eq!((direction.departures.len(), direction.under_way.len()), (251, 2));
-    assert_eq!(direction.connections.len(), 1);
+    assert_eq!(
+        (direction.connections.followed.len(), direction.connections.kept),
+        (1, 1)
+    );
+}
+
+/// A state of the connection from the number-th of all pairs of ports.
+fn state_of(number: u32) -> Segment<'static> {
+    let ports = [number % 60_000 + 1, number / 60_000 + 1].map(|port| port as u16);
+    let mut state = state(1, 1);
+    state.source.set_port(ports[0]);
+    state.destination.set_port(ports[1]);
+    state
+}
+
+#[test]
+fn connections_without_end_are_too_many() {
+    let mut directions = Directions::default();
+    let followed = (0..MOST_CONNECTIONS as u32)
+        .map(|number| directions.take(SENDER, &state_of(number), 0, &mut |_, _| ()));
+    let outcomes: Vec<_> = followed.collect();
+    let most = MOST_CONNECTIONS / 2;
+    assert!(outcomes[..most].iter().all(Result::is_ok));
+    assert_eq!(outcomes[most], Err(TooMuch::Connections));
+}
+
+#[test]
+fn connections_that_have_gone_silent_make_room_for_others() {
+    let mut directions = Directions::default();
+    for number in 0..3 * MOST_CONNECTIONS as u32 {
+        // 20 a second: 20 000 are not silent.
+        let at_ns = i64::from(number) * 50 * MILLISECOND;
+        directions
+            .take(SENDER, &state_of(number), at_ns, &mut |_, _| ())
+            .unwrap();
+    }
+    assert!(directions.directions[0].connections.followed.len() <= MOST_CONNECTIONS / 2);
+}
+
+#[test]
+fn segments_that_nobody_acknowledges_are_too_many_in_many_connections() {
+    let mut directions = Directions::default();
+    let mut send = || {
+        for sequence in 0..1 << 12 {
+            for connection in 0..1 << 10 {
+                let segment = Segment {
+                    sequence: sequence * 100,
+                    ..state_of(connection)
+                };
+                directions.take(SENDER, &segment, 0, &mut |_, _| ())?;
+            }
+        }
+        Ok(())
+    };
+    assert_eq!(send(), Err(TooMuch::UnderWay));
+    let kept = directions.directions[0].connections.kept;
+    assert_eq!(kept, MOST_KEPT + 1);
 }
 
 proptest! {
