@@ -206,3 +206,42 @@ fn state_of(directory: &RunDirectory) -> io::Result<String> {
     }
     Ok(format!("{:x}", hasher.finalize()))
 }
+
+#[cfg(test)]
+mod tests {
+    use std::fs;
+
+    use super::*;
+
+    /// A night of which one scenario was asked for that.
+    fn pruned(configuration: &str) -> Result<Option<Night>, ReadError> {
+        let folder = tempfile::tempdir().unwrap();
+        let directory = RunDirectory::new(folder.path());
+        let night = format!(
+            r#"{{"run":"r","created":"2026-11-28T00:00:00.000Z","is_simulated":false,"metric":"error","matters_m":null,"scenarios":{{"s":{{"configuration":{configuration},"environment":null,"values":{{}},"lack":null}}}}}}"#
+        );
+        let sha256 = format!("{:x}", Sha256::digest(&night));
+        let text =
+            format!(r#"{{"format":4,"at":"x","files":1,"bytes":1,"night":{night},"sha256":"{sha256}"}}"#);
+        fs::write(directory.pruned().path(), text).unwrap();
+        of_pruned(&directory)
+    }
+
+    #[test]
+    fn a_night_with_more_settings_than_any_run_has_is_refused() {
+        let many = |count| {
+            format!(
+                r#"{{"settings":{{"zz":[{}]}}}}"#,
+                vec![r#"{"":0}"#; count].join(",")
+            )
+        };
+        let error = pruned(&many(330_000)).unwrap_err();
+        assert!(
+            record::causes::with_causes(&error).contains("values"),
+            "{error:?}"
+        );
+        let night = pruned(&many(1_000)).unwrap().unwrap();
+        let settings = night.scenarios["s"].configuration.read();
+        assert_eq!(settings["settings"]["zz"].as_array().unwrap().len(), 1_000);
+    }
+}
