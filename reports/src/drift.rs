@@ -15,6 +15,7 @@
 
 mod acknowledgement;
 pub mod baseline;
+mod compact;
 mod content;
 pub mod contrasts;
 pub mod digest;
@@ -33,6 +34,7 @@ use std::{collections::BTreeMap, path::PathBuf};
 #[cfg(feature = "schema")]
 pub use acknowledgement::schema;
 pub use acknowledgement::{Acknowledgement, Acknowledgements, Baseline};
+pub use compact::Compact;
 pub use metric::Metric;
 pub use night::{MissingData, Night};
 pub use render::{DriftDocument, series as series_for_programs};

@@ -6,7 +6,7 @@
 use std::collections::BTreeMap;
 
 use rayon::prelude::*;
-use reports::drift::{Metric, Night, Settings, Verdict, baseline, night::Measured};
+use reports::drift::{Compact, Metric, Night, Settings, Verdict, baseline, night::Measured};
 use serde_json::Value;
 use statistics::noise_model::Noise;
 
@@ -76,7 +76,7 @@ fn value(noise: &mut Noise, tails: Tails) -> f64 {
 fn night(number: usize, levels: Vec<f64>) -> Night {
     let scenarios = levels.into_iter().enumerate().map(|(nth, level)| {
         let measured = Measured {
-            configuration: Value::Null,
+            configuration: Compact::of(&Value::Null),
             environment: None,
             // Above 0, as errors are.
             values: BTreeMap::from([(Metric::TrackingError, vec![100.0 + level])]),

@@ -45,6 +45,8 @@ pub struct ScenarioReport {
     pub windows: Vec<WindowReport>,
     /// What broke on the way.
     pub broken: Vec<BrokenWindow>,
+    /// How many more broke.
+    pub broken_beside: usize,
     /// What its platform was, if it came so far.
     pub environment: Option<EnvironmentRecord>,
     /// What its values within windows have to do with each other; none without a window that counts.
@@ -229,6 +231,7 @@ pub(super) fn scenario_report(
             .map(|window| window_report(window, n(window.number), quantity))
             .collect(),
         broken: scenario.broken.clone(),
+        broken_beside: scenario.broken_beside,
         environment: scenario.environment.clone(),
         within: WithinWindows::of(scenario, samples, settings),
         health: Health::of(scenario),

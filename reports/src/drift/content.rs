@@ -256,7 +256,7 @@ mod tests {
                 scenarios: BTreeMap::from([(
                     "a".to_owned(),
                     Measured {
-                        configuration: serde_json::json!({}),
+                        configuration: crate::drift::Compact::of(&serde_json::json!({})),
                         environment: None,
                         values: BTreeMap::new(),
                         contents: BTreeMap::from([("state".to_owned(), windows)]),

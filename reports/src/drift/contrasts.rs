@@ -10,7 +10,6 @@ use std::fmt::Write as _;
 
 use record::settings::{Dynamics, Settings};
 use serde::Serialize;
-use serde_json::Value;
 use statistics::{
     effect::Interval,
     multiplicity::holm,
@@ -252,8 +251,9 @@ fn rounds(nights: &[Night], metric: &Metric, a: &str, b: &str) -> Option<Rounds>
 /// Whether two scenarios ran the same experiment, as far as their settings are known.
 fn are_alike(a: &Measured, b: &Measured) -> bool {
     let settings = |of: &Measured| {
-        let settings: &Value = of.configuration.get("settings")?;
-        Settings::from_json(settings.clone(), Dynamics::Robust).ok()
+        let mut configuration = of.configuration.read();
+        let settings = configuration.get_mut("settings")?.take();
+        Settings::from_json(settings, Dynamics::Robust).ok()
     };
     match (settings(a), settings(b)) {
         (Some(a), Some(b)) => differing_settings(&a, &b).is_empty(),
@@ -286,11 +286,12 @@ mod tests {
     use statistics::noise_model::Noise;
 
     use super::*;
+    use crate::drift::Compact;
 
     fn measured(level_m: f64, rate: &str) -> Measured {
         let windows = [-1e-4, 1e-4].map(|off| level_m + off);
         Measured {
-            configuration: json!({"settings": {"rate": rate}}),
+            configuration: Compact::of(&json!({"settings": {"rate": rate}})),
             environment: None,
             values: BTreeMap::from([(Metric::TrackingError, windows.to_vec())]),
             lack: None,

@@ -180,29 +180,120 @@ fn write(directory: &RunDirectory, kept: &Kept<&Night>) -> io::Result<()> {
 
 /// By what it is known whether a run is as it was. Reports are made of it and say nothing new.
 fn state_of(directory: &RunDirectory) -> io::Result<String> {
-    let mut files = Vec::new();
-    let mut folders = vec![directory.root().clone()];
-    while let Some(folder) = folders.pop() {
+    let mut look = Look {
+        directory,
+        hasher: Sha256::new(),
+        entries: 0,
+    };
+    look.at(directory.root(), 0)?;
+    Ok(format!("{:x}", look.hasher.finalize()))
+}
+
+/// Folders in each other. Below a run directory are five: `scenarios/<slug>/broken/<environment>/window-1`.
+const DEEPEST: usize = 16;
+/// Files and folders of a run. Two hundred thousand windows, more than which no plan has, have most of it.
+const MOST_ENTRIES: usize = 1 << 21;
+
+/// A look at all files of a run, by name. Nothing is kept but the sum: another may have put any number of files there.
+struct Look<'a> {
+    directory: &'a RunDirectory,
+    hasher: Sha256,
+    entries: usize,
+}
+
+impl Look<'_> {
+    fn at(&mut self, folder: &Place, depth: usize) -> io::Result<()> {
+        if depth > DEEPEST {
+            return Err(no_run_has("deeper folders"));
+        }
         for (place, kind) in folder.entries()? {
+            self.entries += 1;
+            if self.entries > MOST_ENTRIES {
+                return Err(no_run_has("more files"));
+            }
             match kind {
-                Kind::Folder if place != directory.report() => folders.push(place),
+                Kind::Folder if place != self.directory.report() => self.at(&place, depth + 1)?,
                 // Only its owner may open it, and it says nothing of what was measured.
-                Kind::File if place == directory.lock() => {}
-                Kind::File => {
-                    let about = place.open()?.metadata()?;
-                    let changed = about.modified()?.duration_since(UNIX_EPOCH).unwrap_or_default();
-                    files.push((place.path(), about.len(), changed.as_nanos()));
-                }
+                Kind::File if place == self.directory.lock() => {}
+                Kind::File => self.note(&place)?,
                 Kind::Folder | Kind::Other => {}
             }
         }
+        Ok(())
     }
-    files.sort();
-    let (mut hasher, root) = (Sha256::new(), directory.path());
-    for (path, bytes, changed_ns) in files {
-        let name = path.strip_prefix(root).unwrap_or(&path);
-        hasher.update(name.as_os_str().as_encoded_bytes());
-        hasher.update(format!("\0{bytes}\0{changed_ns}\0"));
+
+    fn note(&mut self, place: &Place) -> io::Result<()> {
+        let about = place.open()?.metadata()?;
+        let changed = about.modified()?.duration_since(UNIX_EPOCH).unwrap_or_default();
+        let path = place.path();
+        let name = path.strip_prefix(self.directory.path()).unwrap_or(&path);
+        self.hasher.update(name.as_os_str().as_encoded_bytes());
+        self.hasher
+            .update(format!("\0{}\0{}\0", about.len(), changed.as_nanos()));
+        Ok(())
     }
-    Ok(format!("{:x}", hasher.finalize()))
+}
+
+fn no_run_has(what: &str) -> io::Error {
+    io::Error::other(format!("it has {what} than any run has"))
+}
+
+#[cfg(test)]
+mod tests {
+    use std::{fs, time::Instant};
+
+    use super::*;
+
+    #[test]
+    fn a_run_with_folders_deeper_than_any_has_is_looked_at_no_further() {
+        let folder = tempfile::tempdir().unwrap();
+        let directory = RunDirectory::new(folder.path());
+        fs::write(folder.path().join("plan.json"), "{}").unwrap();
+        let broken = directory.broken("s", "e-1").join("window-1");
+        broken.make_folder().unwrap();
+        broken.join("window.json").write(b"{}").unwrap();
+        let before = state_of(&directory).unwrap();
+        broken.join("window.json").write(b"{ }").unwrap();
+        assert_ne!(state_of(&directory).unwrap(), before);
+        let mut deep = directory.root().clone();
+        for _ in 0..200 {
+            deep = deep.join("d");
+        }
+        deep.make_folder().unwrap();
+        let begun = Instant::now();
+        assert!(state_of(&directory).is_err());
+        assert!(begun.elapsed().as_secs() < 5);
+    }
+
+    /// A night of which one scenario was asked for that.
+    fn pruned(configuration: &str) -> Result<Option<Night>, ReadError> {
+        let folder = tempfile::tempdir().unwrap();
+        let directory = RunDirectory::new(folder.path());
+        let night = format!(
+            r#"{{"run":"r","created":"2026-11-28T00:00:00.000Z","is_simulated":false,"metric":"error","matters_m":null,"scenarios":{{"s":{{"configuration":{configuration},"environment":null,"values":{{}},"lack":null}}}}}}"#
+        );
+        let sha256 = format!("{:x}", Sha256::digest(&night));
+        let text =
+            format!(r#"{{"format":4,"at":"x","files":1,"bytes":1,"night":{night},"sha256":"{sha256}"}}"#);
+        fs::write(directory.pruned().path(), text).unwrap();
+        of_pruned(&directory)
+    }
+
+    #[test]
+    fn a_night_with_more_settings_than_any_run_has_is_refused() {
+        let many = |count| {
+            format!(
+                r#"{{"settings":{{"zz":[{}]}}}}"#,
+                vec![r#"{"":0}"#; count].join(",")
+            )
+        };
+        let error = pruned(&many(330_000)).unwrap_err();
+        assert!(
+            record::causes::with_causes(&error).contains("values"),
+            "{error:?}"
+        );
+        let night = pruned(&many(1_000)).unwrap().unwrap();
+        let settings = night.scenarios["s"].configuration.read();
+        assert_eq!(settings["settings"]["zz"].as_array().unwrap().len(), 1_000);
+    }
 }

@@ -19,7 +19,7 @@ use crate::{
         quantity::Quantity,
         sample::{Sample, levels, samples},
     },
-    drift::Metric,
+    drift::{Compact, Metric},
     input::{
         overheads::seconds_between,
         run::{Ending, Run, ScenarioRun, WindowState},
@@ -67,9 +67,9 @@ pub struct Night {
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct Measured {
     /// All that was asked for: the experiment's settings, the workload's bytes, the provider's settings.
-    pub configuration: Value,
+    pub configuration: Compact<Value>,
     /// What it ran on, if it came so far.
-    pub environment: Option<EnvironmentRecord>,
+    pub environment: Option<Compact<EnvironmentRecord>>,
     /// The numbers, one for each window or environment.
     pub values: BTreeMap<Metric, Vec<f64>>,
     /// Of each metric that is compared byte for byte, by its name, the SHA-256 of each window.
@@ -157,8 +157,8 @@ impl Night {
             scenarios.insert(
                 planned.slug.clone(),
                 Measured {
-                    configuration: configuration(run, scenario),
-                    environment: scenario.environment.clone(),
+                    configuration: Compact::of(&configuration(run, scenario)),
+                    environment: scenario.environment.as_ref().map(Compact::of),
                     lack: (!counts).then(|| lack(scenario)),
                     values,
                     contents,

@@ -243,7 +243,7 @@ pub(super) fn level_of(points: &[Point<'_>]) -> f64 {
 impl Cause {
     /// What is not the same of a night and a later one.
     pub(super) fn between(before: &Measured, since: &Measured) -> Self {
-        let fields: Vec<String> = differing(&before.configuration, &since.configuration)
+        let fields: Vec<String> = differing(&before.configuration.read(), &since.configuration.read())
             .into_iter()
             .map(|(field, ..)| field)
             .collect();
@@ -255,11 +255,10 @@ impl Cause {
 
     /// The same, whatever was asked for.
     pub(super) fn between_platforms(before: &Measured, since: &Measured) -> Self {
-        let differences = before
-            .environment
-            .as_ref()
-            .zip(since.environment.as_ref())
-            .map(|(before, since)| before.differences(since))
+        let platform = |of: &Measured| of.environment.as_ref()?.read();
+        let differences = platform(before)
+            .zip(platform(since))
+            .map(|(before, since)| before.differences(&since))
             .unwrap_or_default();
         match differences.is_empty() {
             true => Self::Unexplained,

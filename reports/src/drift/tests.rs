@@ -24,6 +24,13 @@ fn kernel(release: &str) -> Option<RecordedPlatform> {
     serde_json::from_value(json!({"kernel": release})).unwrap()
 }
 
+/// Another platform for what was measured.
+fn runs_on(measured: &mut Measured, platform: Option<RecordedPlatform>) {
+    let mut environment = measured.environment.as_ref().unwrap().read().unwrap();
+    environment.platform = platform;
+    measured.environment = Some(Compact::of(&environment));
+}
+
 /// A night with four windows around that level.
 fn night(number: usize, level_m: f64) -> Night {
     let windows = [-0.000_2, -0.000_1, 0.000_1, 0.000_2].map(|off| level_m + off);
@@ -35,8 +42,8 @@ fn night(number: usize, level_m: f64) -> Night {
         platform: kernel("6.1"),
     };
     let measured = Measured {
-        configuration: json!({"settings": {"rate": "50Hz"}, "workload_sha256": "aa"}),
-        environment: Some(environment),
+        configuration: Compact::of(&json!({"settings": {"rate": "50Hz"}, "workload_sha256": "aa"})),
+        environment: Some(Compact::of(&environment)),
         values: BTreeMap::from([(Metric::TrackingError, windows.to_vec())]),
         lack: None,
         contents: BTreeMap::new(),
@@ -208,7 +215,7 @@ fn the_page_of_a_history_has_the_change_first_how_to_acknowledge_it_and_each_nig
     let mut all = nights(30, 5, |number| USUAL_M + if number >= 20 { 0.012 } else { 0.0 });
     for night in all.iter_mut().skip(20) {
         let measured = night.scenarios.get_mut(SCENARIO).unwrap();
-        measured.environment.as_mut().unwrap().platform = kernel("6.12 <b>");
+        runs_on(measured, kernel("6.12 <b>"));
     }
     let page = history::judge(&all, &Settings::default()).page(&all);
     let place = |words: &str| page.find(words).unwrap_or_else(|| panic!("{words}: {page}"));
@@ -377,13 +384,15 @@ fn jump_with(change: impl Fn(&mut Measured)) -> Cause {
 fn a_change_of_what_was_asked_for_is_told_from_one_of_what_it_runs_on() {
     assert_eq!(
         jump_with(|measured| {
-            measured.configuration["workload_sha256"] = json!("bb");
-            measured.environment.as_mut().unwrap().platform = kernel("6.12");
+            let mut configuration = measured.configuration.read();
+            configuration["workload_sha256"] = json!("bb");
+            measured.configuration = Compact::of(&configuration);
+            runs_on(measured, kernel("6.12"));
         }),
         Cause::Configuration(vec!["workload_sha256".to_owned()])
     );
     let Cause::Infrastructure(differences) = jump_with(|measured| {
-        measured.environment.as_mut().unwrap().platform = kernel("6.12");
+        runs_on(measured, kernel("6.12"));
     }) else {
         panic!("it is the infrastructure")
     };
@@ -830,7 +839,7 @@ fn what_a_host_says_of_itself_mentions_nobody_in_a_chat() {
     let mut all = nights(40, 5, |number| USUAL_M + if number >= 20 { 0.012 } else { 0.0 });
     for night in &mut all[20..] {
         let measured = night.scenarios.get_mut(SCENARIO).unwrap();
-        measured.environment.as_mut().unwrap().platform = kernel("<!channel> & <https://evil|here>");
+        runs_on(measured, kernel("<!channel> & <https://evil|here>"));
     }
     let body = history::judge(&all, &Settings::default()).webhook();
     let text = body["text"].as_str().unwrap();
@@ -856,7 +865,7 @@ fn what_is_printed_says_what_changed_and_with_what() {
     }
     for night in &mut all[20..] {
         let measured = night.scenarios.get_mut(SCENARIO).unwrap();
-        measured.environment.as_mut().unwrap().platform = kernel("6.12");
+        runs_on(measured, kernel("6.12"));
     }
     let drift = history::judge(&all, &Settings::default());
     insta::assert_snapshot!("text", drift.text());

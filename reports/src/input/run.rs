@@ -132,6 +132,8 @@ pub struct ScenarioRun {
     pub windows: Vec<Window>,
     /// What broke on the way, whether or not it was measured again.
     pub broken: Vec<BrokenWindow>,
+    /// How many more broke.
+    pub broken_beside: usize,
     /// How long each environment took beyond its windows, in seconds: being made, connected, collected and removed. Of those alone
     /// that measured to their end in one go.
     pub overheads_s: Vec<f64>,
@@ -369,6 +371,7 @@ fn load_scenario(
         windows,
         made: journaled.made,
         broken: journaled.broken,
+        broken_beside: journaled.broken_beside,
         overheads_s: Vec::new(),
     })
 }

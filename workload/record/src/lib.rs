@@ -38,6 +38,7 @@ pub mod platform;
 pub mod platform_model;
 pub mod progress;
 pub mod quantity;
+pub mod reason;
 #[cfg(feature = "run-directory")]
 pub mod report_settings;
 #[cfg(feature = "run-directory")]

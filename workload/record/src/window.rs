@@ -4,7 +4,7 @@
 use serde::{Deserialize, Deserializer, Serialize, de::Error as _};
 
 use super::name::name;
-use crate::virtual_host::VirtualHost;
+use crate::{reason, virtual_host::VirtualHost};
 
 /// One window's record.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
@@ -231,6 +231,25 @@ impl WindowRecord {
         }
     }
 
+    /// Brings its reasons to what a reader reads: the beginning of each, and the first of them. A window has some, of a hundred
+    /// letters each; ten nodes that failed at once, with their last words, have half of what is kept.
+    pub fn shorten_reasons(&mut self) {
+        let mut bytes = 0;
+        let shortened = self.reasons.iter().map(|it| reason::shortened(it));
+        let kept: Vec<String> = shortened
+            .take_while(|reason| {
+                bytes += reason.len();
+                bytes <= Self::KEPT_REASONS
+            })
+            .collect();
+        let beside = self.reasons.len() - kept.len();
+        self.reasons = kept;
+        if beside > 0 {
+            self.reasons
+                .push(format!("and {beside} more, which window.json has"));
+        }
+    }
+
     /// Why it is invalid, if it is: all its reasons in one line.
     #[must_use]
     pub fn invalid_for(&self) -> Option<String> {
@@ -257,6 +276,8 @@ impl WindowRecord {
     const MOST_REASONS: usize = 100;
     /// All that is said in words: of a window with every reason and notice some kilobytes.
     const MOST_TEXT: usize = 64 << 10;
+    /// Bytes of the reasons that are kept of a window, of which a run has some thousands.
+    const KEPT_REASONS: usize = 8 << 10;
     /// Three virtual hosts, two logs, with room for more.
     const MOST_FILES: usize = 64;
     /// No file of a window is longer. One of 6000 s has some hundred megabytes; a day of the paper's network at full rate stays below.
@@ -549,6 +570,27 @@ impl FileRecord {
 #[cfg(test)]
 mod tests {
     use rstest::rstest;
+
+    #[test]
+    fn of_a_window_with_more_words_than_any_says_the_first_are_kept() {
+        let recorded = concat!(
+            env!("CARGO_MANIFEST_DIR"),
+            "/../../tests/fixtures/recorded/scenarios/"
+        );
+        let path = format!("{recorded}x86-64-debian-12-docker/window-1/window.json");
+        let mut record: super::WindowRecord = serde_json::from_slice(&std::fs::read(path).unwrap()).unwrap();
+        // As a command with ten nodes that failed, with their last words.
+        let ours: Vec<String> = (0..20)
+            .map(|it| format!("{it}: {}", "said ".repeat(60)))
+            .collect();
+        record.reasons.clone_from(&ours);
+        record.shorten_reasons();
+        assert_eq!(record.reasons, ours);
+        record.reasons = vec!["x".repeat(600); 100];
+        record.shorten_reasons();
+        assert_eq!(record.reasons.len(), 14);
+        assert_eq!(record.reasons[13], "and 87 more, which window.json has");
+    }
 
     #[rstest]
     #[case::none(&[], "")]

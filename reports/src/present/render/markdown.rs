@@ -196,6 +196,12 @@ fn scenario(scenario: &ScenarioReport) -> String {
             broken.window, broken.environment, broken.reason
         ));
     }
+    if scenario.broken_beside > 0 {
+        item(format!(
+            "{} more windows broke, which events.jsonl has",
+            scenario.broken_beside
+        ));
+    }
     for remark in scenario.environment.iter().flat_map(EnvironmentRecord::remarks) {
         item(remark);
     }

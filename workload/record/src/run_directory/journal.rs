@@ -16,6 +16,7 @@ use super::{
 use crate::{
     name::name,
     progress::Progress,
+    reason,
     window::{Impossible, Verdict},
 };
 
@@ -230,6 +231,15 @@ pub enum Event {
     RunInterrupted,
 }
 
+impl Event {
+    /// Brings the words that there may be most of to what is kept of a reason.
+    fn shorten(&mut self) {
+        if let Self::WindowBroken { reason, .. } = self {
+            *reason = reason::shortened(reason);
+        }
+    }
+}
+
 /// Where a job stands.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
@@ -386,7 +396,11 @@ impl Journal {
             if bytes.trim_ascii().is_empty() {
                 continue;
             }
-            let entry = from_json::<JournalEntry>(bytes);
+            let mut entry = from_json::<JournalEntry>(bytes);
+            // The checksum is of the line, and is looked at below.
+            if let Ok(entry) = &mut entry {
+                entry.event.shorten();
+            }
             let per_value = match &entry {
                 // Facts are values of any kind.
                 Ok(entry) if matches!(entry.event, Event::EnvironmentCreated { .. }) => 256,
@@ -515,6 +529,31 @@ mod tests {
         );
         let error = read(&vec![line.as_str(); 100]).unwrap_err();
         assert!(matches!(error, ReadError::Impossible { .. }), "{error:?}");
+    }
+
+    #[test]
+    fn the_words_of_a_window_that_broke_are_bounded_and_their_line_has_its_checksum() {
+        let broken = |reason: &str| {
+            serde_json::from_str::<JournalEntry>(&format!(
+                r#"{{"at":"2026-11-21T04:00:00.000Z","event":"window-broken","scenario":"a","environment":"a-1","window":1,"reason":"{reason}"}}"#
+            ))
+            .unwrap()
+        };
+        let mut chain = Chain::default();
+        let mut line = |reason: &str| String::from_utf8(chain.line(&broken(reason)).unwrap()).unwrap();
+        let lines = [line(&"r".repeat(100_000)), line("it is cut")];
+        let found = read(&[lines[0].trim_end(), lines[1].trim_end()]).unwrap();
+        assert!(found.is_checked());
+        let reasons = found.entries.iter().map(|entry| match &entry.event {
+            Event::WindowBroken { reason, .. } => reason.len(),
+            _ => 0,
+        });
+        assert!(
+            reasons.clone().all(|bytes| bytes < 1100),
+            "{:?}",
+            reasons.collect::<Vec<_>>()
+        );
+        assert_eq!(found.entries[1], broken("it is cut"));
     }
 
     #[test]

@@ -27,6 +27,9 @@ use cap_std::{
 use rustix::fs::{Mode, OFlags, SeekFrom, fsync, openat, seek};
 use sha2::{Digest, Sha256};
 
+/// What is in one folder. A scenario has ten thousand windows at most.
+const MOST_ENTRIES: usize = 1 << 18;
+
 /// A file or folder below a root. Two are the same if their paths are.
 #[derive(Debug, Clone)]
 pub struct Place {
@@ -469,11 +472,16 @@ impl Place {
     /// What is in this folder, by name.
     ///
     /// # Errors
-    /// When it is no folder, or cannot be read.
+    /// When it is no folder, has more in it than any of ours, or cannot be read.
     pub fn entries(&self) -> io::Result<Vec<(Self, Kind)>> {
         let mut entries = Vec::new();
         for entry in self.folder()?.entries()? {
             let entry = entry?;
+            if entries.len() == MOST_ENTRIES {
+                return Err(io::Error::other(format!(
+                    "it has more than {MOST_ENTRIES} files and folders in it, and no folder of matrix has"
+                )));
+            }
             entries.push((self.join(entry.file_name()), entry.file_type()?.into()));
         }
         entries.sort_by(|(a, _), (b, _)| a.cmp(b));

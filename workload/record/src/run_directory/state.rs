@@ -7,7 +7,7 @@ use std::{
 };
 
 use super::{Event, JobStanding, JournalEntry, Outcome, PlanRecord};
-use crate::{progress::Progress, window::Verdict};
+use crate::{progress::Progress, reason, window::Verdict};
 
 /// Where a run stands.
 #[derive(Debug, Clone, Default, PartialEq)]
@@ -20,7 +20,13 @@ pub struct RunState {
     pub manifest_sha256: Option<String>,
     /// That of `plan.json`.
     pub plan_sha256: Option<String>,
+    /// Windows that broke and are kept, of all scenarios.
+    broken_kept: usize,
 }
+
+/// Windows that broke and are kept with their reasons. Whoever reads the report of a run reads no more of them; a journal may have a
+/// million, each with as many words as it likes.
+const MOST_BROKEN: usize = 10_000;
 
 /// Where a scenario stands.
 #[derive(Debug, Clone, Default, PartialEq)]
@@ -43,8 +49,10 @@ pub struct ScenarioState {
     pub providers: BTreeSet<String>,
     /// Each environment that was made, in the order in which they were.
     pub made: Vec<MadeEnvironment>,
-    /// Windows that broke, whether or not they were measured again.
+    /// Windows that broke, whether or not they were measured again: the first of them, where a run has very many.
     pub broken: Vec<BrokenWindow>,
+    /// How many more broke.
+    pub broken_beside: usize,
     /// SHA-256 of each environment's `environment.json`, as often as it was written, in hexadecimal: a crash may have left either.
     environments_recorded: BTreeMap<String, BTreeSet<String>>,
 }
@@ -199,13 +207,19 @@ impl RunState {
                 window,
                 reason,
             } => {
+                let is_kept = self.broken_kept < MOST_BROKEN;
+                self.broken_kept += usize::from(is_kept);
                 let state = self.entry(scenario);
                 state.lose(*window);
-                state.broken.push(BrokenWindow {
-                    window: *window,
-                    environment: environment.clone(),
-                    reason: reason.clone(),
-                });
+                if is_kept {
+                    state.broken.push(BrokenWindow {
+                        window: *window,
+                        environment: environment.clone(),
+                        reason: reason::shortened(reason),
+                    });
+                } else {
+                    state.broken_beside += 1;
+                }
             }
             Event::EnvironmentDiscarding {
                 scenario,
@@ -545,6 +559,29 @@ mod tests {
             .map(|made| (made.begun.as_deref(), made.done.as_str()))
             .collect();
         assert_eq!(times, [(Some("t0"), "t1"), (None, "t2")]);
+    }
+
+    #[test]
+    fn of_very_many_windows_that_broke_the_first_are_kept_and_no_long_words() {
+        let broken = |scenario: &str| Event::WindowBroken {
+            scenario: scenario.into(),
+            environment: "e-1".into(),
+            window: 1,
+            reason: "r".repeat(2000),
+        };
+        let mut state = RunState::default();
+        for entry in journal(vec![broken("a"), broken("b")])
+            .iter()
+            .cycle()
+            .take(30_000)
+        {
+            state.apply(entry);
+        }
+        let words = |state: &ScenarioState| state.broken.iter().map(|it| it.reason.len()).sum::<usize>();
+        let (a, b) = (state.scenario("a"), state.scenario("b"));
+        assert_eq!((a.broken.len(), a.broken_beside), (5_000, 10_000));
+        assert_eq!((b.broken.len(), b.broken_beside), (5_000, 10_000));
+        assert!(words(&a) + words(&b) < 11 << 20);
     }
 
     #[test]

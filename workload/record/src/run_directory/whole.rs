@@ -7,6 +7,7 @@ use std::io;
 use super::{FileDigest, Place, ReadError, read_window};
 use crate::{
     causes::with_causes,
+    reason,
     window::{FileRecord, WindowRecord},
 };
 
@@ -31,12 +32,13 @@ impl From<ReadError> for NotWhole {
                 Self::Broken("window.json is missing, so it was never finished".to_owned())
             }
             ReadError::Damaged { how, .. } => Self::Broken(format!("window.json is damaged: {how}")),
-            ReadError::Impossible { source, .. } => {
-                Self::Broken(format!("window.json cannot be what was measured: {source}"))
-            }
-            ReadError::Json { source, .. } => {
-                Self::Broken(format!("window.json cannot be understood: {source}"))
-            }
+            // Both name what they found, which may be as long as the file.
+            ReadError::Impossible { source, .. } => Self::Broken(reason::shortened(&format!(
+                "window.json cannot be what was measured: {source}"
+            ))),
+            ReadError::Json { source, .. } => Self::Broken(reason::shortened(&format!(
+                "window.json cannot be understood: {source}"
+            ))),
             error => Self::Unreadable(error),
         }
     }
@@ -92,7 +94,9 @@ pub fn read_whole_record(
     window: u32,
     sha256: Option<&str>,
 ) -> Result<WindowRecord, NotWhole> {
-    let record = read_window(folder, sha256)?;
+    let mut record = read_window(folder, sha256)?;
+    // A report has the records of all windows in memory.
+    record.shorten_reasons();
     let broken = |reason: String| Err(NotWhole::Broken(reason));
     if record.window != window {
         return broken(format!("window.json is that of window {}", record.window));
