@@ -157,6 +157,16 @@ fn a_name_that_is_no_name_is_an_error_where_it_is_read(
     #[values(("manifest.json", "/run"), ("plan.json", "/scenarios/0/slug"), ("plan.json", "/scenarios/0/id"))]
     place: (&str, &str),
 ) {
+    refuses_the_name(name, place);
+}
+
+/// A thousand scenarios have half a million pairs, each with two of them.
+#[test]
+fn a_scenario_has_no_longer_name_than_a_letter() {
+    refuses_the_name(&"x".repeat(7), ("plan.json", "/scenarios/0/id"));
+}
+
+fn refuses_the_name(name: &str, place: (&str, &str)) {
     let synthetic = run();
     let (file, field) = place;
     let path = synthetic.directory.path().join(file);

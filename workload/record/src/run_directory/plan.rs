@@ -180,9 +180,13 @@ fn letters<'de, D: Deserializer<'de>>(from: D) -> Result<String, D::Error> {
     let text = String::deserialize(from)?;
     match (1..=LONGEST).contains(&text.len()) && text.bytes().all(|byte| byte.is_ascii_lowercase()) {
         true => Ok(text),
-        false => Err(D::Error::custom(
-            "the `id` of a scenario is its letter: a, b, … z, aa, ab, …",
-        )),
+        false => {
+            let shown: String = text.chars().take(60).collect();
+            Err(D::Error::custom(format!(
+                "`{}` is no name of a scenario, whose `id` is its letter: a, b, … z, aa, ab, …",
+                shown.escape_debug()
+            )))
+        }
     }
 }
 

@@ -193,7 +193,7 @@ impl Most {
     /// One has 140 to 230 in 5 kB, and a run has a thousand of them in memory.
     const ENVIRONMENT: Self = Self {
         bytes: 64 << 10,
-        values: 1 << 9,
+        values: 3 << 8,
     };
     /// One has 180.
     const WINDOW: Self = Self {
