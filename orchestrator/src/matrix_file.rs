@@ -316,8 +316,8 @@ impl MatrixFile {
     /// A file that is somebody else's names no folder of its reader's.
     fn check_platforms(&self, found: &mut Diagnostics) {
         if let Some(folder) = &self.providers.simulated.platforms {
-            let checked = platforms::check(&self.source, self.place_of(PLATFORMS), folder);
-            checked.unwrap_or_else(|wrong| found.push(wrong));
+            let problem = platforms::problem(&self.source, self.place_of(PLATFORMS), folder);
+            problem.into_iter().for_each(|problem| found.push(problem));
         }
     }
 

@@ -124,14 +124,9 @@ impl PlatformFiles {
     }
 }
 
-/// Whether a matrix file may name that folder: one below its own, as the files of an experiment are.
-///
-/// # Errors
-/// When it may not.
-pub(super) fn check(source: &Arc<Source>, span: Span, folder: &Path) -> Result<(), Diagnostic> {
-    way_down(folder)
-        .map(drop)
-        .ok_or_else(|| outside(source, span, folder))
+/// What is wrong with a folder that a matrix file names: one below its own is right, as the files of an experiment are.
+pub(super) fn problem(source: &Arc<Source>, span: Span, folder: &Path) -> Option<Diagnostic> {
+    way_down(folder).is_none().then(|| outside(source, span, folder))
 }
 
 fn outside(source: &Arc<Source>, span: Span, folder: &Path) -> Diagnostic {
