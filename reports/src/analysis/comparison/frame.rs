@@ -416,7 +416,7 @@ mod tests {
         );
         for tally in &tallies {
             let of_both = [&*tally.a, &*tally.b];
-            let is_own = |it: &Comparison<'_>| [[it.a, it.b], [it.b, it.a]].iter().any(|ab| of_both == *ab);
+            let is_own = |it: &Comparison<'_>| [[it.a, it.b], [it.b, it.a]].contains(&of_both);
             let own: Vec<Comparison<'_>> = listed.rows().filter(is_own).collect();
             let rejected = own.iter().filter(|row| row.rejected).count();
             assert_eq!(
