@@ -1,5 +1,6 @@
 //! Execution: a plan's scenarios, one after another on a host and the hosts side by side, each journaled before it touches
-//! anything. Where all of a host's are only computed, some are computed side by side. The main type is [`Run`].
+//! anything. Where all of a host's are only computed, as many as the machine has processors are computed side by side. The main
+//! type is [`Run`].
 //!
 //! ```text
 //! each host:  lease -> for each round, for each of its scenarios: create, follow, collect, discard -> run directory
@@ -250,8 +251,7 @@ impl Run<'_> {
     fn side_by_side(&self, host: &str, units: &[Unit<'_>]) -> usize {
         let is_here = self.fleet.host(host).is_ok_and(|host| host.is_this_machine());
         match is_here && units.iter().all(|unit| unit.is_computed()) {
-            // Half of the time it takes is the disk's, in which others are computed.
-            true => 2 * thread::available_parallelism().map_or(1, NonZero::get),
+            true => thread::available_parallelism().map_or(1, NonZero::get),
             false => 1,
         }
     }
