@@ -25,7 +25,7 @@ pub mod redaction;
 pub mod replay;
 
 pub use analysis::report::{Report, analyse};
-pub use input::run::{Run, load, load_by, load_from};
+pub use input::run::{Run, load, load_from};
 pub use present::render::{LatexTable, ReportDocument};
 pub use present::{
     figure::Layout,

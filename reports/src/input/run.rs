@@ -252,17 +252,9 @@ impl ScenarioRun {
 /// Reads a run directory as its own settings ask for.
 ///
 /// # Errors
-/// As [`load_by`].
-pub fn load(path: impl AsRef<Path>) -> Result<Run, ReadError> {
-    load_by(path.as_ref(), None)
-}
-
-/// Reads a run directory by its path for the error of other positions than its settings ask for where that is said.
-///
-/// # Errors
 /// As [`load_from`].
-pub fn load_by(path: &Path, error: Option<ErrorOf>) -> Result<Run, ReadError> {
-    load_from(&RunDirectory::new(path), error)
+pub fn load(path: impl AsRef<Path>) -> Result<Run, ReadError> {
+    load_from(&RunDirectory::new(path.as_ref()), None)
 }
 
 /// Reads a run directory, scenarios side by side, for the error of other positions than its settings ask for where that is

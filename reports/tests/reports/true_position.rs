@@ -4,7 +4,7 @@ use std::fs;
 
 use captures::traffic::Traffic;
 use record::{plant_log::PlantRow, report_settings::ErrorOf};
-use reports::{analyse, analysis::other_ways::other_ways, input::run::WindowState, load_by};
+use reports::{analyse, analysis::other_ways::other_ways, input::run::WindowState, load_from};
 
 use crate::synthetic::{Scenario, Synthetic, file_record, log};
 
@@ -49,7 +49,7 @@ fn with_plant_logs(received_m: [f64; 2]) -> Synthetic {
 #[test]
 fn the_error_is_of_where_the_ball_was_and_the_report_says_so() {
     let synthetic = with_plant_logs([0.1, 0.1]);
-    let run = load_by(synthetic.directory.path(), Some(ErrorOf::TruePosition)).unwrap();
+    let run = load_from(&synthetic.directory, Some(ErrorOf::TruePosition)).unwrap();
     let report = analyse(&run, Traffic::default(), &run.manifest.report);
     for sample in &report.samples {
         assert!(
@@ -76,7 +76,7 @@ fn the_error_is_of_where_the_ball_was_and_the_report_says_so() {
 #[test]
 fn the_error_is_of_what_the_controller_received_unless_another_is_asked_for() {
     let synthetic = with_plant_logs([0.1, 0.1]);
-    let run = load_by(synthetic.directory.path(), None).unwrap();
+    let run = load_from(&synthetic.directory, None).unwrap();
     let report = analyse(&run, Traffic::default(), &run.manifest.report);
     assert!(
         report.samples[0].values.iter().all(|error_m| *error_m < 0.23),
@@ -89,8 +89,8 @@ fn the_error_is_of_what_the_controller_received_unless_another_is_asked_for() {
 #[test]
 fn a_table_says_what_other_settings_would_have_found() {
     let synthetic = with_plant_logs([0.1, 0.4]);
-    let run = load_by(synthetic.directory.path(), None).unwrap();
-    let other = load_by(synthetic.directory.path(), Some(ErrorOf::TruePosition)).unwrap();
+    let run = load_from(&synthetic.directory, None).unwrap();
+    let other = load_from(&synthetic.directory, Some(ErrorOf::TruePosition)).unwrap();
     let settings = &run.manifest.report;
     let mut report = analyse(&run, Traffic::default(), settings);
     report.other_ways = other_ways(&report, &run, Some(&other));
@@ -121,7 +121,7 @@ fn a_table_says_what_other_settings_would_have_found() {
 #[test]
 fn a_run_without_the_plants_log_has_no_true_position() {
     let synthetic = Synthetic::new(&[Scenario::measured("x86-debian-native", &[0.1])]);
-    let error = load_by(synthetic.directory.path(), Some(ErrorOf::TruePosition)).unwrap_err();
+    let error = load_from(&synthetic.directory, Some(ErrorOf::TruePosition)).unwrap_err();
     assert!(
         error
             .to_string()
@@ -141,7 +141,7 @@ fn a_plants_log_that_was_changed_is_not_used() {
         .path();
     let text = fs::read_to_string(&path).unwrap();
     fs::write(&path, text.replacen("0.", "1.", 1)).unwrap();
-    let run = load_by(synthetic.directory.path(), Some(ErrorOf::TruePosition)).unwrap();
+    let run = load_from(&synthetic.directory, Some(ErrorOf::TruePosition)).unwrap();
     let WindowState::Broken { reason } = &run.scenarios[0].windows[1].state else {
         panic!("{:?}", run.scenarios[0].windows[1].state);
     };
@@ -149,7 +149,7 @@ fn a_plants_log_that_was_changed_is_not_used() {
         reason.starts_with("plant.csv cannot be used: it is not the file that was measured"),
         "{reason}"
     );
-    let run = load_by(synthetic.directory.path(), None).unwrap();
+    let run = load_from(&synthetic.directory, None).unwrap();
     assert!(matches!(
         run.scenarios[0].windows[1].state,
         WindowState::Counted { .. }

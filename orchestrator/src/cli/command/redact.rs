@@ -8,14 +8,13 @@ use std::{
 use clap::Args;
 use record::{
     exit::matrix::Exit,
-    limits,
     run_directory::{ReadError, RunDirectory, RunRecords},
 };
 use reports::redaction::{self, CopyError, Redaction};
 use schemars::JsonSchema;
 use serde::Serialize;
 
-use super::report::{redaction, unreadable, word_of_the_format};
+use super::report::{ensure_all_can_be_open, redaction, unreadable, word_of_the_format};
 use crate::cli::{
     command::options::OutputArguments,
     completion,
@@ -57,9 +56,7 @@ pub struct RedactDocument<'a> {
 /// When a run cannot be read, or its copy not be written or read again.
 pub fn execute(arguments: &RedactArguments) -> Result<Exit, CommandError> {
     let runs: Vec<RunDirectory> = arguments.runs.iter().map(RunDirectory::new).collect();
-    // Each is open until it is copied.
-    limits::ensure_open_files(limits::OPEN_FILES + runs.len() as u64)
-        .map_err(|error| CommandError::new(Exit::Infrastructure, &error, Some(error.hint())))?;
+    ensure_all_can_be_open(&runs)?;
     let redaction = redaction(&runs, &arguments.also)?;
     let copies = runs
         .iter()

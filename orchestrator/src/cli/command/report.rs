@@ -257,9 +257,7 @@ fn read(arguments: &ReportArguments, directories: &[RunDirectory]) -> Result<Run
             "say where their report goes: `--output DIR`",
         ));
     }
-    // Each is open until the report is written.
-    limits::ensure_open_files(limits::OPEN_FILES + directories.len() as u64)
-        .map_err(|error| CommandError::new(Exit::Infrastructure, &error, Some(error.hint())))?;
+    ensure_all_can_be_open(directories)?;
     // Before anything else: logs are read for it.
     let error = match &arguments.error {
         None => None,
@@ -333,6 +331,15 @@ fn wrong(what: String, hint: &str) -> CommandError {
 /// When one cannot be read.
 pub(super) fn redaction(runs: &[RunDirectory], also: &[String]) -> Result<Redaction, CommandError> {
     Redaction::of(runs, also).map_err(|error| unreadable(&error))
+}
+
+/// Each of several run directories is open until the command is done with all of them.
+///
+/// # Errors
+/// When this process may not open so many files.
+pub(super) fn ensure_all_can_be_open(directories: &[RunDirectory]) -> Result<(), CommandError> {
+    limits::ensure_open_files(limits::OPEN_FILES + directories.len() as u64)
+        .map_err(|error| CommandError::new(Exit::Infrastructure, &error, Some(error.hint())))
 }
 
 /// A redacted run that cannot be read any more.
