@@ -341,7 +341,7 @@ const LONGEST_LINE: usize = 256 << 10;
 /// Values of such a line, as [`values_in`] counts them.
 const MOST_VALUES: usize = 1 << 15;
 /// What the entries may take in memory. Those of a thousand scenarios with a hundred windows each take 150 MB.
-const MOST_MEMORY: usize = 256 << 20;
+const MOST_MEMORY: usize = 192 << 20;
 
 /// A journal as it was read.
 #[derive(Debug, Clone, Default, PartialEq)]
