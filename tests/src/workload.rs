@@ -26,6 +26,15 @@ pub fn network_probe() -> &'static Path {
     BINARY.get_or_init(|| built(deployed().example("network_probe")))
 }
 
+/// Where the static `message_ages` is, built as the workload is: `workload/examples/message_ages.rs`.
+///
+/// # Panics
+/// When it cannot be built.
+pub fn message_ages() -> &'static Path {
+    static BINARY: OnceLock<PathBuf> = OnceLock::new();
+    BINARY.get_or_init(|| built(deployed().example("message_ages")))
+}
+
 fn deployed() -> escargot::CargoBuild {
     escargot::CargoBuild::new()
         .package("workload")

@@ -80,6 +80,10 @@ fn a_matrix_of_hosts_that_are_far_is_computed_here_and_the_same_again() {
     let words = "SIMULATED, NOT MEASURED: scenarios a, b, c, d were computed.";
     assert!(remarks.contains(words), "{remarks}");
     let run = workplace.run_directory();
+    for command in ["status", "calibrate", "replay"] {
+        let told = workplace.run(&[command, run.to_str().unwrap()]).out;
+        assert!(told.contains("(simulated, not measured)"), "{told}");
+    }
     let first = checksums(&run);
     // No two windows have the same data, also of scenarios that differ in nothing that is computed.
     let distinct: BTreeSet<String> = first.values().map(Value::to_string).collect();

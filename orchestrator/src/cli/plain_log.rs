@@ -194,6 +194,14 @@ fn environment(round: Option<u32>) -> String {
     round.map_or_else(String::new, |round| format!("environment {round}, "))
 }
 
+/// What is beside the name of a scenario whose windows were computed.
+pub const fn if_simulated(simulated: bool) -> &'static str {
+    match simulated {
+        true => " (simulated, not measured)",
+        false => "",
+    }
+}
+
 fn list(windows: &[u32]) -> String {
     windows.iter().map(u32::to_string).collect::<Vec<_>>().join(", ")
 }

@@ -1,7 +1,7 @@
 //! The networks that need a kernel of their own choice, in the guest: for real, with real netem.
 
 use serde_json::{Value, json};
-use tests::{Guest, network_probe, virtual_time, workload_binary};
+use tests::{Guest, message_ages, network_probe, virtual_time, workload_binary};
 
 /// Windows of two periods; small enough that the ball stays on the plate.
 fn settings(backend: &str) -> String {
@@ -106,6 +106,43 @@ fn the_kernel_network_delays_and_loses_as_the_paper_asks_and_the_userspace_one_i
     let up = &kernel["links"][1]["up"];
     assert_eq!(up["offered"], PINGS + 2 * 2000, "{up}");
     assert_eq!(up["lateness_max_of_run_ns"], Value::Null, "{up}");
+}
+
+/// docs/twin.md has the same at length, on more links.
+#[test]
+fn messages_over_the_kernels_tcp_and_netem_are_as_old_as_in_the_simulation() {
+    const UNLIKELY: f64 = 1e-6;
+    // The last one is simulated with 3 ms more than the guest takes, which has to be found.
+    let calls = [
+        "--stack-us 30",
+        "--stack-us 30 --nodelay",
+        "--stack-us 3030 --nodelay",
+    ];
+    let ages = |options: &&str| {
+        format!(
+            "./message_ages '{{\"network\": {{\"backend\": \"kernel\"}}}}' --seconds 65 --times 4 {options} >$RESULT\n"
+        )
+    };
+    let script: String = calls.iter().map(ages).collect();
+    let result = virtual_time::run(&[message_ages()], &script);
+    let found: Vec<Value> = result
+        .lines()
+        .map(|line| serde_json::from_str(line).unwrap_or_else(|error| panic!("{error}: {line}")))
+        .collect();
+    let [nagle, without, apart] = &found[..] else {
+        panic!("{result}");
+    };
+    for like in [nagle, without] {
+        assert!(like["p"].as_f64().unwrap() > UNLIKELY, "{like:#}");
+        assert!(like["compared"][0].as_u64().unwrap() > 900, "{like:#}");
+    }
+    assert!(apart["p"].as_f64().unwrap() < UNLIKELY, "{apart:#}");
+    // Where messages wait for acknowledgements, some are a retransmission late.
+    let older_than_200_ms = |found: &Value| found["measured"]["older"][2].as_f64().unwrap();
+    assert!(
+        older_than_200_ms(nagle) > 10.0 * older_than_200_ms(without),
+        "{result}"
+    );
 }
 
 #[test]

@@ -4,17 +4,20 @@ use std::{fmt::Write, path::PathBuf};
 
 use clap::Args;
 use record::exit::matrix::Exit;
-use reports::analysis::{
-    calibration::{self, Calibration, Model, Rate},
-    quantity::Quantity,
-    sample,
+use reports::{
+    analysis::{
+        calibration::{self, Calibration, Model, Rate},
+        quantity::Quantity,
+        sample,
+    },
+    input::run::ScenarioRun,
 };
 use schemars::JsonSchema;
 use serde::Serialize;
 
 use crate::cli::{
     command::{options::OutputArguments, report::unreadable},
-    completion,
+    completion, plain_log,
     run_argument::run_argument,
     terminal::{self, CommandError},
 };
@@ -36,6 +39,8 @@ pub struct CalibrateArguments {
 #[derive(Debug, Serialize, JsonSchema)]
 #[schemars(title = "matrix calibrate --json")]
 pub struct CalibrateDocument {
+    /// Whether one of the scenarios is simulated, not measured.
+    simulated: bool,
     /// What the windows of the run are like.
     model: Model,
     /// Of the orders of each scenario's windows, the share whose levels go as smoothly as in the order in which they were measured;
@@ -82,15 +87,17 @@ pub fn execute(arguments: &CalibrateArguments) -> Result<Exit, CommandError> {
             exit: Exit::Wrong,
         }
     })?;
+    let simulated = run.scenarios.iter().any(ScenarioRun::is_simulated);
     if arguments.output.json {
-        terminal::json(&document(&found));
+        terminal::json(&document(&found, simulated));
     } else {
-        terminal::result(&as_text(&found, &quantity));
+        let mark = plain_log::if_simulated(simulated);
+        terminal::result(&as_text(&found, &quantity, mark));
     }
     Ok(Exit::Done)
 }
 
-fn document(found: &Calibration) -> CalibrateDocument {
+fn document(found: &Calibration, simulated: bool) -> CalibrateDocument {
     let rates = found.rates.iter().map(|rate| {
         let (low, high) = rate.interval();
         RateRecord {
@@ -105,16 +112,17 @@ fn document(found: &Calibration) -> CalibrateDocument {
         }
     });
     CalibrateDocument {
+        simulated,
         model: found.model,
         p_of_order: found.p_of_order,
         rates: rates.collect(),
     }
 }
 
-fn as_text(found: &Calibration, quantity: &Quantity) -> String {
+fn as_text(found: &Calibration, quantity: &Quantity, mark: &str) -> String {
     let model = &found.model;
     let mut text = format!(
-        "{} scenarios of {} windows of {} values\nwithin windows: standard deviation {}, lag 1 {:.2}\nwindow \
+        "{} scenarios of {} windows of {} values{mark}\nwithin windows: standard deviation {}, lag 1 {:.2}\nwindow \
          levels: standard deviation {} beyond that, 95 % interval [{}, {}]\n",
         model.scenarios,
         model.windows,

@@ -4,11 +4,11 @@ use std::{fmt::Write as _, path::PathBuf};
 
 use clap::Args;
 use record::{exit::matrix::Exit, run_directory::RunDirectory};
-use reports::replay::{self, ReplayDocument, ScenarioReplay, WindowReplay};
+use reports::replay::{self, ReplayDocument, WindowReplay};
 
 use crate::cli::{
     command::options::OutputArguments,
-    completion,
+    completion, plain_log,
     run_argument::run_argument,
     terminal::{self, CommandError},
 };
@@ -45,20 +45,18 @@ fn text(replayed: &ReplayDocument) -> String {
     let mut text = format!("replay of {}\n", replayed.run);
     for scenario in &replayed.scenarios {
         // Writing to a String cannot fail.
-        let _ = writeln!(text, "{} {}{}", scenario.id, scenario.slug, mark(scenario));
+        let _ = writeln!(
+            text,
+            "{} {}{}",
+            scenario.id,
+            scenario.slug,
+            plain_log::if_simulated(scenario.simulated)
+        );
         for window in &scenario.windows {
             let _ = writeln!(text, "  window {}: {}", window.window, line(window));
         }
     }
     text
-}
-
-/// What is said beside a scenario's name.
-const fn mark(scenario: &ScenarioReplay) -> &'static str {
-    match scenario.simulated {
-        true => " (simulated, not measured)",
-        false => "",
-    }
 }
 
 fn line(window: &WindowReplay) -> String {

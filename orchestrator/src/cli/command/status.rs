@@ -91,6 +91,8 @@ struct ScenarioRecord<'a> {
     slug: &'a str,
     /// Whether it can run.
     feasible: bool,
+    /// Whether its windows are simulated, not measured.
+    simulated: bool,
     /// `completed`, `failed`, `errored`, `interrupted`, `infeasible`, `not selected`, `running`, `left behind` (its environment
     /// may exist, and no `matrix` works on the run), `queued` (its job waits for its turn), `to collect` (its
     /// job has ended, and `matrix resume` takes what it measured) or `waiting`.
@@ -312,6 +314,7 @@ pub async fn execute(arguments: &StatusArguments) -> Result<Exit, CommandError> 
             id: &planned.id,
             slug: &planned.slug,
             feasible: planned.feasible,
+            simulated: planned.simulated,
             state: word(planned, state, live),
             reason: reason(planned, state),
             windows: planned.settings.all_windows(),
@@ -351,9 +354,10 @@ pub async fn execute(arguments: &StatusArguments) -> Result<Exit, CommandError> 
             .map(|for_s| format!(", nothing was heard of the workload for {for_s} s or more"));
         let job = job(state).map(|job| format!(", {}", plain_log::job(job)));
         text.push_str(&format!(
-            "  {} {}: {}, {} of {} windows{}{}{}{}{}{}\n",
+            "  {} {}{}: {}, {} of {} windows{}{}{}{}{}{}\n",
             planned.id,
             planned.slug,
+            plain_log::if_simulated(planned.simulated),
             word(planned, state, live),
             state.complete().len(),
             planned.settings.all_windows(),

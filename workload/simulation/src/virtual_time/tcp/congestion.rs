@@ -251,6 +251,8 @@ struct Cubic {
     last_maximum: u32,
     epoch: Option<Epoch>,
     acks_for_one: u32,
+    /// When that was computed, and for which window. A reduction does not forget it.
+    computed: Option<(i64, u32)>,
 }
 
 /// Since the window last became smaller.
@@ -260,8 +262,7 @@ struct Epoch {
     /// When the curve is back at its plateau, from the beginning.
     plateau_ms: i64,
     plateau: u32,
-    updated_ms: i64,
-    updated_window: u32,
+    /// Acknowledged since Reno's window last grew.
     acked: u32,
     /// What Reno would have.
     reno_window: u32,
@@ -282,26 +283,32 @@ impl Cubic {
 
     /// How many acknowledged segments make the window larger by one (`bictcp_update`).
     fn acks_for_one(&mut self, now_ms: i64, window: u32, acked: u32, shortest_ms: i64) -> u32 {
-        let last_maximum = self.last_maximum;
-        let fresh = self.epoch.is_none();
-        let epoch = self
-            .epoch
-            .get_or_insert_with(|| Epoch::beginning(now_ms, window, last_maximum));
-        epoch.acked += acked;
-        if !fresh && epoch.updated_window == window && now_ms - epoch.updated_ms <= 1000 / 32 {
+        if let Some(epoch) = &mut self.epoch {
+            epoch.acked += acked;
+        }
+        let computed = self.computed;
+        if computed.is_some_and(|(at_ms, of)| of == window && now_ms - at_ms <= 1000 / 32) {
             return self.acks_for_one.max(2);
         }
-        epoch.updated_ms = now_ms;
-        epoch.updated_window = window;
-        let target = epoch.target(now_ms + shortest_ms);
-        let mut acks = if target > i64::from(window) {
-            i64::from(window) / (target - i64::from(window))
+        let last_maximum = self.last_maximum;
+        let goes_on = self.epoch.is_some();
+        let epoch = self.epoch.get_or_insert_with(|| Epoch {
+            acked,
+            ..Epoch::beginning(now_ms, window, last_maximum)
+        });
+        let acks = if goes_on && computed.is_some_and(|(at_ms, _)| at_ms == now_ms) {
+            // The curve is looked at once a jiffy.
+            i64::from(self.acks_for_one)
         } else {
-            100 * i64::from(window)
+            self.computed = Some((now_ms, window));
+            let ahead = epoch.target(now_ms + shortest_ms) - i64::from(window);
+            let acks = if ahead > 0 {
+                i64::from(window) / ahead
+            } else {
+                100 * i64::from(window)
+            };
+            if last_maximum == 0 { acks.min(20) } else { acks }
         };
-        if last_maximum == 0 {
-            acks = acks.min(20);
-        }
         let acks = acks.min(epoch.reno_acks_for_one(window)).max(2);
         self.acks_for_one = u32::try_from(acks).unwrap_or(u32::MAX);
         self.acks_for_one
@@ -316,8 +323,6 @@ impl Epoch {
             began_ms: now_ms,
             plateau_ms: cube_root(below * 2_500_000_000),
             plateau: last_maximum.max(window),
-            updated_ms: now_ms,
-            updated_window: window,
             acked: 0,
             reno_window: window,
         }
@@ -334,8 +339,10 @@ impl Epoch {
     fn reno_acks_for_one(&mut self, window: u32) -> i64 {
         // 8 (1024 + β) / 3 / (1024 − β), in eighths.
         let acks_for_one = ((window * 15) >> 3).max(1);
-        self.reno_window += self.acked / acks_for_one;
-        self.acked %= acks_for_one;
+        // Reno's window grows with the acknowledgement after these, not with the last of them.
+        let grown = self.acked.saturating_sub(1) / acks_for_one;
+        self.reno_window += grown;
+        self.acked -= grown * acks_for_one;
         match self.reno_window.checked_sub(window) {
             Some(ahead) if ahead > 0 => i64::from(window / ahead),
             _ => i64::MAX,
@@ -407,6 +414,37 @@ mod tests {
         }
         // CUBIC's curve would be at 0.4 (8 − 1.96)³ + 10 = 98, Reno's at 7 + 200 · 8/15 = 114.
         assert!((110..=118).contains(&congestion.window), "{}", congestion.window);
+    }
+
+    /// The numbers are from a transcript of `tcp_cubic.c` of Linux 6.1 in Python, with 250 jiffies a second: three losses make 2 of 10, and
+    /// then an acknowledgement comes each 20 ms.
+    #[test]
+    fn a_small_window_grows_with_the_same_acknowledgements_as_the_kernels() {
+        let mut congestion = congestion();
+        for _ in 0..3 {
+            congestion.begin_reduction();
+            congestion.end_reduction(0);
+        }
+        let mut grew = Vec::new();
+        for number in 0..60_u64 {
+            let now_ns = 4_000_000 + i64::try_from(number).unwrap() * 20_000_000;
+            let before = congestion.window;
+            congestion.validate(&SendingState {
+                now_ns,
+                una: number,
+                nxt: number + 1,
+                out: congestion.window,
+                limited: true,
+                open: true,
+                timeout_jiffies: 60,
+            });
+            congestion.grow(now_ns, 1, 40_000);
+            if congestion.window > before {
+                grew.push(number);
+            }
+        }
+        assert_eq!(grew, [1, 10, 17, 26, 37, 50]);
+        assert_eq!(congestion.window, 8);
     }
 
     #[test]
