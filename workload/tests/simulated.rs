@@ -148,7 +148,7 @@ fn a_simulated_run_leaves_the_files_of_a_real_one(#[case] dynamics: Dynamics) {
 )]
 #[case::robust(
     Dynamics::Robust,
-    "d4f5c9f5e211f92b1effffc802cf1c6fb65b4b73999c045ad9e0e17181e4e788"
+    "44c43ca5fdf608d2e8924bd5736c9ba1e1a7b1ee2ef335a326ae07f0d3ab7f84"
 )]
 #[case::equations(
     Dynamics::Equations,
