@@ -321,7 +321,7 @@ fn a_node_that_stands_still_is_given_up_and_does_not_write_where_another_does_wh
 fn a_controller_that_is_away_costs_nothing_and_a_job_that_another_cancels_is_told_as_such() {
     let cluster = Cluster::start();
     let workplace = &cluster.workplace;
-    workplace.write("m.yaml", matrix("constraint: x86_64", &windows(3, 6)));
+    workplace.write("m.yaml", matrix("constraint: x86_64", &windows(3, 15)));
     let mut running = workplace.start(&["run", "m.yaml"]);
     running.wait_for("measuring window 1");
     cluster.controller(false);
