@@ -24,6 +24,7 @@ use std::{
     fs,
     io::{Read, Write},
     net::{SocketAddr, TcpListener, TcpStream},
+    process,
     sync::{Barrier, mpsc},
     thread,
     time::Instant,
@@ -174,20 +175,22 @@ fn measure(call: &Call, settings: &Settings) -> Outcome<(Vec<Vec<i64>>, Rates)> 
             let address: SocketAddr = (address_in_the_ball(from), FIRST_PORT + u16::try_from(number)?).into();
             let (listens, is_listening) = mpsc::channel();
             // As in ROS, the publisher listens and the subscriber connects.
-            writers
-                .push(scope.spawn(move || write(network, from, address, call, offset, listens, everybody)));
-            readers.push(scope.spawn(move || read(network, to, address, call, is_listening, everybody)));
+            writers.push(
+                scope.spawn(move || or_exit(write(network, from, address, call, offset, listens, everybody))),
+            );
+            readers.push(
+                scope.spawn(move || or_exit(read(network, to, address, call, is_listening, everybody))),
+            );
         }
         everybody.wait();
         eprintln!("message_ages: connected");
-        let ages: Outcome<Vec<_>> = readers
-            .into_iter()
-            .map(|reader| reader.join().map_err(|_| "a reader panicked")?)
-            .collect();
         for writer in writers {
-            writer.join().map_err(|_| "a writer panicked")??;
+            writer.join().map_err(|_| "a writer panicked")?;
         }
-        ages
+        let ages = readers
+            .into_iter()
+            .map(|reader| reader.join().map_err(|_| "a reader panicked".into()));
+        ages.collect::<Outcome<Vec<_>>>()
     })?;
     let after = counters(network)?;
     let streams = call.seconds as f64 * 2.0 * call.pairs as f64;
@@ -198,6 +201,14 @@ fn measure(call: &Call, settings: &Settings) -> Outcome<(Vec<Vec<i64>>, Rates)> 
     network
         .failure()
         .map_or(Ok((ages, kernel)), |failure| Err(failure.into()))
+}
+
+/// A connection that fails ends all: the others would wait for it for ever.
+fn or_exit<T>(outcome: Outcome<T>) -> T {
+    outcome.unwrap_or_else(|error| {
+        eprintln!("message_ages: {error}");
+        process::exit(1)
+    })
 }
 
 fn write(
