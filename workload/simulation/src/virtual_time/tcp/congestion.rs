@@ -375,6 +375,20 @@ mod tests {
         Congestion::new(Jiffies::new(DEBIAN_HZ, 0))
     }
 
+    /// The window is full, with byte `number` the first that is not acknowledged, and then so many segments are.
+    fn fill_and_acknowledge(congestion: &mut Congestion, number: u64, now_ns: i64, acked: u32) {
+        congestion.validate(&SendingState {
+            now_ns,
+            una: number,
+            nxt: number + 1,
+            out: congestion.window,
+            limited: true,
+            open: true,
+            timeout_jiffies: 60,
+        });
+        congestion.grow(now_ns, acked, 40_000);
+    }
+
     #[test]
     fn a_reduction_is_to_seven_tenths_and_never_below_two() {
         let mut congestion = congestion();
@@ -401,16 +415,8 @@ mod tests {
         congestion.end_reduction(0);
         for number in 0..200_u64 {
             let now_ns = i64::try_from(number).unwrap() * 40_000_000;
-            congestion.validate(&SendingState {
-                now_ns,
-                una: number,
-                nxt: number + 1,
-                out: congestion.window,
-                limited: true,
-                open: true,
-                timeout_jiffies: 60,
-            });
-            congestion.grow(now_ns, congestion.window, 40_000);
+            let acked = congestion.window;
+            fill_and_acknowledge(&mut congestion, number, now_ns, acked);
         }
         // CUBIC's curve would be at 0.4 (8 − 1.96)³ + 10 = 98, Reno's at 7 + 200 · 8/15 = 114.
         assert!((110..=118).contains(&congestion.window), "{}", congestion.window);
@@ -429,16 +435,7 @@ mod tests {
         for number in 0..60_u64 {
             let now_ns = 4_000_000 + i64::try_from(number).unwrap() * 20_000_000;
             let before = congestion.window;
-            congestion.validate(&SendingState {
-                now_ns,
-                una: number,
-                nxt: number + 1,
-                out: congestion.window,
-                limited: true,
-                open: true,
-                timeout_jiffies: 60,
-            });
-            congestion.grow(now_ns, 1, 40_000);
+            fill_and_acknowledge(&mut congestion, number, now_ns, 1);
             if congestion.window > before {
                 grew.push(number);
             }
