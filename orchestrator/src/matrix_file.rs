@@ -10,21 +10,21 @@ mod experiment;
 mod hosts;
 mod places;
 mod platforms;
+mod profiles;
 mod renamed;
 mod report_option;
 mod schema;
+mod sections;
 pub mod source;
 mod spelling;
 mod sweep;
+mod text;
 mod tree;
 mod typing;
 mod yaml;
 
 use std::{
     collections::BTreeMap,
-    fs::{File, OpenOptions},
-    io::{self, Read},
-    os::unix::fs::OpenOptionsExt as _,
     path::{Path, absolute},
     sync::Arc,
 };
@@ -34,10 +34,8 @@ use record::{
     connection::Connection,
     experiment::CommandExperiment,
     report_settings::ReportSettings,
-    run_directory::Place,
     settings::{Dynamics, Settings, SettingsProblem},
 };
-use rustix::fs::OFlags;
 
 pub use axes::{Assignment, Axes, Axis, AxisValue, Condition, Exclude, Include};
 pub(crate) use axes::{FEWER, SCENARIOS};
@@ -49,8 +47,13 @@ pub use report_option::ReportOption;
 pub use schema::schema;
 pub(crate) use spelling::{did_you_mean, list, propose};
 pub(crate) use sweep::Role;
+pub use text::text_within_limits;
+pub(crate) use text::{text_at, within_limits};
 
-use source::{Source, Span, Spanned};
+use profiles::{add_in_profile, choose, read_profiles};
+use sections::check_sections;
+use source::{Source, Span};
+use text::{beginning_of, decode, open};
 use tree::{Content, Node};
 
 use crate::provider::{Catalogue, ProviderSettings};
@@ -69,10 +72,6 @@ const PLATFORMS: &str = "providers.simulated.platforms";
 
 /// The sections of a matrix file.
 const SECTIONS: [&str; 7] = [MATRIX, HOSTS, EXPERIMENT, WORKLOAD, REPORT, PROVIDERS, PROFILES];
-/// Most profiles in one file.
-const MOST_PROFILES: usize = 100;
-/// The sections that a profile can override.
-const IN_PROFILES: [&str; 5] = [MATRIX, EXPERIMENT, WORKLOAD, REPORT, PROVIDERS];
 
 /// A matrix file that makes sense, with one of its profiles applied or none.
 #[derive(Debug, Clone, PartialEq)]
@@ -436,12 +435,6 @@ fn check_alpha(places: &Places<'_>, report: &ReportSettings, found: &mut Diagnos
     }
 }
 
-/// A profile, as it is written.
-struct Profile<'a> {
-    name: &'a Spanned<String>,
-    node: &'a Node,
-}
-
 fn or_default<T: Default>(read: Result<T, Diagnostics>, found: &mut Diagnostics) -> T {
     read.unwrap_or_else(|wrong| {
         found.extend(wrong);
@@ -469,233 +462,6 @@ fn read_providers(
     ProviderSettings {
         outside,
         ..or_default(typing::read(source, &built_in), found)
-    }
-}
-
-fn unreadable(name: &str, error: &io::Error) -> Diagnostics {
-    let help = match error.kind() {
-        io::ErrorKind::NotFound => "check the name; `matrix.yaml` of this project is one to begin with",
-        io::ErrorKind::IsADirectory => "name the file in it",
-        io::ErrorKind::InvalidInput => "write what it gives to a file, and name that",
-        _ => "check who may read it",
-    };
-    // There is no text to show: the name is what was written wrong.
-    let source = Arc::new(Source::new("FILE", name));
-    let span = Span {
-        start: 0,
-        end: name.len(),
-    };
-    Diagnostic::error(
-        &source,
-        Code::Unreadable,
-        span,
-        format!("cannot read `{name}`: {error}"),
-    )
-    .help(help)
-    .into()
-}
-
-/// The text of another YAML file that a person wrote, within the limits of a matrix file: its length, its nesting, its nodes.
-///
-/// # Errors
-/// When it cannot be read, is longer or deeper, or is no YAML.
-pub fn text_within_limits(path: &Path) -> Result<String, Diagnostics> {
-    let name = path.display().to_string();
-    within_limits(&name, &beginning_of(open(path), &name)?)
-}
-
-/// The same of a file that anybody may have put there.
-///
-/// # Errors
-/// As [`text_within_limits`], and when it is a link.
-pub(crate) fn text_at(place: &Place) -> Result<String, Diagnostics> {
-    let name = place.to_string();
-    within_limits(&name, &beginning_of(place.open(), &name)?)
-}
-
-/// Opens a file that a person named, who may name a link. A FIFO that nobody writes to would be waited for.
-fn open(path: &Path) -> io::Result<File> {
-    let file = OpenOptions::new()
-        .read(true)
-        .custom_flags(OFlags::NONBLOCK.bits() as i32)
-        .open(path)?;
-    let kind = file.metadata()?.file_type();
-    // To read a folder is an error that says so.
-    match kind.is_file() || kind.is_dir() {
-        true => Ok(file),
-        false => Err(io::Error::new(
-            io::ErrorKind::InvalidInput,
-            "it is a device, a socket or a FIFO, and not a regular file",
-        )),
-    }
-}
-
-/// The same of bytes.
-///
-/// # Errors
-/// As [`text_within_limits`].
-pub(crate) fn within_limits(name: &str, bytes: &[u8]) -> Result<String, Diagnostics> {
-    let source = Arc::new(decode(name, bytes)?);
-    yaml::parse(&source)?;
-    Ok(source.text().to_owned())
-}
-
-/// One byte more of a file than is allowed, so that one that is too large is seen to be, whatever its size.
-fn beginning_of(file: io::Result<File>, name: &str) -> Result<Vec<u8>, Diagnostics> {
-    let limit = u64::try_from(yaml::BYTES + 1).unwrap_or(u64::MAX);
-    let mut bytes = Vec::new();
-    file.and_then(|file| file.take(limit).read_to_end(&mut bytes))
-        .map_err(|error| unreadable(name, &error))?;
-    Ok(bytes)
-}
-
-fn decode(name: &str, bytes: &[u8]) -> Result<Source, Diagnostics> {
-    if bytes.len() > yaml::BYTES {
-        let beginning = String::from_utf8_lossy(bytes.get(..80).unwrap_or_default()).into_owned();
-        let source = Arc::new(Source::new(name, beginning));
-        let message = format!("the file is larger than {} KiB", yaml::BYTES / 1024);
-        return Err(
-            Diagnostic::error(&source, Code::TooLarge, Span { start: 0, end: 1 }, message)
-                .help("a matrix file of a thousand scenarios has some 50 KiB; is this one?")
-                .into(),
-        );
-    }
-    match std::str::from_utf8(bytes) {
-        // A byte order mark is legal, and would shift every column.
-        Ok(text) => Ok(Source::new(name, text.strip_prefix('\u{feff}').unwrap_or(text))),
-        Err(error) => {
-            let start = error.valid_up_to();
-            let source = Arc::new(Source::new(name, String::from_utf8_lossy(bytes)));
-            let span = Span {
-                start,
-                end: start + '\u{fffd}'.len_utf8(),
-            };
-            Err(
-                Diagnostic::error(&source, Code::NotUtf8, span, "the file is not text in UTF-8")
-                    .label("not UTF-8 from here")
-                    .help("save it as UTF-8; `iconv -f latin1 -t utf8` converts an old one")
-                    .into(),
-            )
-        }
-    }
-}
-
-fn check_sections(source: &Arc<Source>, tree: &Node, found: &mut Diagnostics) {
-    if !matches!(tree.content, Content::Mapping(_)) {
-        let message = format!("a matrix file is sections with settings, not {}", tree.describe());
-        found.push(
-            Diagnostic::error(source, Code::WrongType, tree.span, message)
-                .help("begin with `matrix:`, as in `matrix: {virtualization: [native, docker]}`"),
-        );
-        return;
-    }
-    check_keys(source, tree, &SECTIONS, found);
-    let misspelt = |entry: &tree::Entry| did_you_mean(&entry.key.value, SECTIONS) == Some(MATRIX);
-    if tree.entry(MATRIX).is_none() && !tree.entries().iter().any(misspelt) {
-        found.push(
-            Diagnostic::error(source, Code::MissingKey, Span::default(), "there is no `matrix:`")
-                .help("add `matrix:` with the axes, as in `matrix: {virtualization: [native, docker]}`"),
-        );
-    }
-}
-
-fn check_keys(source: &Arc<Source>, node: &Node, known: &[&str], found: &mut Diagnostics) {
-    for entry in node.entries() {
-        let key = entry.key.value.as_str();
-        if !known.contains(&key) {
-            found.push_error(|| {
-                Diagnostic::error(
-                    source,
-                    Code::UnknownKey,
-                    entry.key.span,
-                    format!("there is no key `{key}` here"),
-                )
-                .label("unknown key")
-                .help(propose(key, known.iter().copied()))
-            });
-        }
-    }
-}
-
-fn read_profiles<'a>(source: &Arc<Source>, tree: &'a Node, found: &mut Diagnostics) -> Vec<Profile<'a>> {
-    let Some(section) = tree.entry(PROFILES) else {
-        return Vec::new();
-    };
-    let mut profiles = Vec::new();
-    let is_mapping = |node: &Node| node.is_null() || matches!(node.content, Content::Mapping(_));
-    let mut wrong = |node: &Node, help: &str| {
-        let message = format!("keys with values belong here, not {}", node.describe());
-        found.push(Diagnostic::error(source, Code::WrongType, node.span, message).help(help));
-    };
-    if !is_mapping(&section.value) {
-        wrong(
-            &section.value,
-            "write names of profiles, as in `quick: {workload: {window: 32s}}`",
-        );
-    }
-    for entry in section.value.entries() {
-        if is_mapping(&entry.value) {
-            profiles.push(Profile {
-                name: &entry.key,
-                node: &entry.value,
-            });
-        } else {
-            wrong(
-                &entry.value,
-                "write the sections that the profile overrides, as in `workload: {window: 32s}`",
-            );
-        }
-    }
-    for profile in &profiles {
-        check_keys(source, profile.node, &IN_PROFILES, found);
-    }
-    // Each is read with the whole file under it.
-    if let Some(profile) = profiles.get(MOST_PROFILES) {
-        let message = format!("there are more than {MOST_PROFILES} profiles");
-        let error = Diagnostic::error(source, Code::TooLarge, profile.name.span, message);
-        found.push(error.help("take some away, or write several matrix files"));
-        profiles.truncate(MOST_PROFILES);
-    }
-    profiles
-}
-
-fn choose<'a, 'b>(profiles: &'b [Profile<'a>], name: &str) -> Result<&'b Profile<'a>, Box<Diagnostic>> {
-    let known = || profiles.iter().map(|profile| profile.name.value.as_str());
-    profiles
-        .iter()
-        .find(|profile| profile.name.value == name)
-        .ok_or_else(|| {
-            let source = Arc::new(Source::new("--profile", name));
-            let span = Span {
-                start: 0,
-                end: name.len(),
-            };
-            let error = Diagnostic::error(
-                &source,
-                Code::UnknownProfile,
-                span,
-                format!("the matrix file has no profile `{name}`"),
-            );
-            let help = if profiles.is_empty() {
-                "it has no `profiles:` at all: leave the option out".to_owned()
-            } else {
-                propose(name, known().collect::<Vec<_>>())
-            };
-            Box::new(error.help(help))
-        })
-}
-
-/// What only shows with a profile names it; the warnings of a profile that is not chosen concern nobody now.
-fn add_in_profile(found: &mut Diagnostics, in_profile: Diagnostics, profile: &Profile<'_>, is_chosen: bool) {
-    for diagnostic in in_profile {
-        let known = found
-            .iter()
-            .any(|known| known.span() == diagnostic.span() && known.message == diagnostic.message);
-        if known || !(is_chosen || diagnostic.severity == Severity::Error) {
-            continue;
-        }
-        let name = profile.name;
-        found.push(diagnostic.also(name.span, format!("with the profile `{}`", name.value)));
     }
 }
 

@@ -11,7 +11,7 @@
 
 use std::env;
 
-use tests::{message_ages, virtual_time};
+use tests::{virtual_time, workload_example};
 
 const OPEN_VSWITCH: &str =
     "modprobe openvswitch; /usr/share/openvswitch/scripts/ovs-ctl --system-id=random start";
@@ -28,5 +28,8 @@ fn main() {
         words.collect::<Vec<_>>().join(" ")
     );
     let mut tell = |line: &str| eprintln!("{line}");
-    print!("{}", virtual_time::follow(&[message_ages()], &script, &mut tell));
+    print!(
+        "{}",
+        virtual_time::follow(&[&workload_example("message_ages")], &script, &mut tell)
+    );
 }

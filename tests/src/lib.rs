@@ -42,7 +42,7 @@ pub use crate::{
     guest::{AARCH64, DEBIAN_12, Guest, I686, Model},
     macos::MacOs,
     there::There,
-    workload::{message_ages, network_probe, workload_binary, workloads_for},
+    workload::{workload_binary, workload_example, workloads_for},
 };
 
 /// Two fake scenarios of four windows: the whole pipeline in a blink.

@@ -17,22 +17,13 @@ pub fn workload_binary() -> &'static Path {
     BINARY.get_or_init(|| built(deployed().bin("workload")))
 }
 
-/// Where the static `network_probe` is, built as the workload is: `workload/examples/network_probe.rs`.
+/// Where a static example of the workload's crate is, such as `network_probe`, built as the workload is: `workload/examples/NAME.rs`.
 ///
 /// # Panics
 /// When it cannot be built.
-pub fn network_probe() -> &'static Path {
-    static BINARY: OnceLock<PathBuf> = OnceLock::new();
-    BINARY.get_or_init(|| built(deployed().example("network_probe")))
-}
-
-/// Where the static `message_ages` is, built as the workload is: `workload/examples/message_ages.rs`.
-///
-/// # Panics
-/// When it cannot be built.
-pub fn message_ages() -> &'static Path {
-    static BINARY: OnceLock<PathBuf> = OnceLock::new();
-    BINARY.get_or_init(|| built(deployed().example("message_ages")))
+#[must_use]
+pub fn workload_example(name: &str) -> PathBuf {
+    built(deployed().example(name))
 }
 
 fn deployed() -> escargot::CargoBuild {

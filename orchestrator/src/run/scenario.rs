@@ -5,74 +5,34 @@
 //! of the experiment as *failed*. Data is never discarded before it was collected: when collecting fails, the
 //! environment stays for `matrix resume`.
 
+mod collecting;
 mod ending;
+mod following;
 
-use std::{collections::BTreeSet, io, ops::RangeInclusive, sync::Arc};
+use std::{collections::BTreeSet, io, sync::Arc};
 
 use record::{
     axis::{HARDWARE, OS, SIMULATED},
     detached::UNFINISHED,
     identity::HostIdentity,
-    layout,
     progress::Progress,
-    run_directory::{EnvironmentRecord, Event, JobStanding, Outcome, Place, PlannedScenario, Resource},
-    window::WindowRecord,
+    run_directory::{Event, JobStanding, Outcome, PlannedScenario, Resource},
 };
-use serde::de::DeserializeOwned;
-use sha2::{Digest as _, Sha256};
-use tokio::{
-    sync::{MutexGuard, RwLockWriteGuard},
-    task::spawn_blocking,
-    time::{Instant, sleep_until, timeout},
-};
+use tokio::sync::{MutexGuard, RwLockWriteGuard};
 
 pub(super) use self::ending::ScenarioError;
-use self::ending::{Ending, Work};
-use super::{
-    Patience, Run, RunError, Turn,
-    collection::{self, Sorted},
-    silence::{self, Silence, Step},
-    unit::Unit,
+use self::{
+    ending::{Ending, Work},
+    following::Heard,
 };
+use super::{Patience, Run, RunError, Turn, unit::Unit};
 use crate::{
     disk_space,
     journal::JournalError,
     provider::{
-        Ended, Environment, EnvironmentRequest, News, Provider, ProviderError, detached::AgentClient, facts,
+        Ended, Environment, EnvironmentRequest, Provider, ProviderError, detached::AgentClient, facts,
     },
 };
-
-/// What the workload says of its network is no longer.
-const LONGEST_TEXT: u64 = 4 << 20;
-
-/// What a workload said until it ended.
-#[derive(Debug, Default)]
-struct Heard {
-    /// Its last word on how it ended, if it had one.
-    last: Option<Progress>,
-    /// The windows that it has completed.
-    completed: BTreeSet<u32>,
-}
-
-/// A workload says some ten things about its network and nodes, and two of each window.
-fn most_lines(request: &EnvironmentRequest) -> usize {
-    100 + 4 * request.windows.len()
-}
-
-/// All windows of the round that an environment is of, whether or not it is to measure them.
-fn windows_of(request: &EnvironmentRequest) -> RangeInclusive<u32> {
-    let settings = &request.settings;
-    let round = request
-        .windows
-        .first()
-        .map_or(1, |first| settings.round_of(*first));
-    settings.windows_of_round(round)
-}
-
-/// What a file of JSON says, if it is there and says it: facts that are missing must not cost any windows.
-fn read_json<T: DeserializeOwned>(place: &Place) -> Option<T> {
-    serde_json::from_slice(&place.read(WindowRecord::MOST_BYTES).ok()?).ok()
-}
 
 impl Run<'_> {
     /// Does what is left to do of one scenario in one round.
@@ -537,217 +497,6 @@ impl Run<'_> {
             scenario: request.scenario.clone(),
             environment: request.environment.clone(),
         })?)
-    }
-
-    /// Passes on what the workload says until it ends; its last conclusive line.
-    async fn follow(
-        &self,
-        provider: &dyn Provider,
-        environment: &mut Box<dyn Environment>,
-        request: &EnvironmentRequest,
-    ) -> Result<Heard, ScenarioError> {
-        let mut heard = Heard::default();
-        let mut asked_to_stop = false;
-        let mut reconnected = false;
-        let mut told = Vec::new();
-        let mut silence = Silence::since(Instant::now());
-        let scenario = || request.scenario.clone();
-        loop {
-            let news = tokio::select! {
-                news = environment.next_news() => news,
-                () = self.stop.requested(), if !asked_to_stop => {
-                    asked_to_stop = true;
-                    silence.stop_was_asked(Instant::now());
-                    match timeout(silence::STOPS_WITHIN, environment.stop()).await {
-                        Ok(stopped) => stopped?,
-                        Err(_) => return Err(ScenarioError::StandsStill { lasted: silence.lasted(Instant::now()) }),
-                    }
-                    continue;
-                }
-                () = sleep_until(silence.due()) => {
-                    if environment.may_be_silent() {
-                        silence.end(Instant::now());
-                        continue;
-                    }
-                    match silence.go_on(Instant::now()) {
-                        Step::Tell(lasted) => self.events.emit(Event::WorkloadSilent {
-                            scenario: scenario(),
-                            for_s: lasted.as_secs(),
-                        })?,
-                        Step::GiveUp(lasted) => return Err(ScenarioError::StandsStill { lasted }),
-                    }
-                    continue;
-                }
-            };
-            if let Ok(Some(_)) = news
-                && let Some(lasted) = silence.end(Instant::now())
-            {
-                self.events.emit(Event::WorkloadHeard {
-                    scenario: scenario(),
-                    after_s: lasted.as_secs(),
-                })?;
-            }
-            match news {
-                Ok(Some(News::Job(standing))) => self.job_changed(request, &standing)?,
-                // One that was found again says everything again.
-                Ok(Some(News::Workload(progress))) if told.contains(&progress) => {}
-                Ok(Some(News::Workload(progress))) => {
-                    if progress.is_journaled() {
-                        told.push(progress.clone());
-                    }
-                    // Another machine says it, and the journal keeps it.
-                    if told.len() > most_lines(request) {
-                        return Err(ScenarioError::SaysTooMuch { lines: told.len() });
-                    }
-                    self.events.emit(Event::Workload {
-                        scenario: scenario(),
-                        progress: progress.clone(),
-                    })?;
-                    match progress {
-                        Progress::WindowComplete { window, .. } => {
-                            heard.completed.insert(window);
-                        }
-                        Progress::Finished | Progress::Stopped { .. } | Progress::Failed { .. } => {
-                            heard.last = Some(progress);
-                        }
-                        _ => {}
-                    }
-                }
-                Ok(None) => return Ok(heard),
-                // An engine that was restarted forgets its listeners, not its containers: look once more.
-                Err(error) if !reconnected => match provider.find(request).await {
-                    Ok(Some(found)) => {
-                        reconnected = true;
-                        *environment = found;
-                    }
-                    Ok(None) | Err(_) => return Err(error.into()),
-                },
-                Err(error) => return Err(error.into()),
-            }
-        }
-    }
-
-    /// Copies the data into the run directory's own file system, then gives each window its place.
-    async fn collect(
-        &self,
-        provider: &dyn Provider,
-        environment: &mut dyn Environment,
-        request: &EnvironmentRequest,
-        heard: &Heard,
-    ) -> Result<(), ScenarioError> {
-        let _nothing_is_measured_here = self.this_machine.read().await;
-        let folder = self
-            .directory
-            .scenario(&request.scenario)
-            .join(format!("collecting-{}", request.environment));
-        // What an interrupted collection left is only a copy: the originals are still in the environment.
-        folder.remove_folder()?;
-        folder.make_folder()?;
-        environment.collect(&folder.path()).await?;
-        self.keep_platform(provider, environment, request, &folder)?;
-        // What was collected before is looked at once more: the originals are here, and go afterwards.
-        self.inspect(&request.scenario, windows_of(request)).await?;
-        let state = self.events.scenario(&request.scenario);
-        let windows: Vec<u32> = request
-            .windows
-            .iter()
-            .copied()
-            .filter(|window| !state.collected.contains_key(window))
-            .collect();
-        let mut missing: BTreeSet<u32> = windows.iter().copied().collect();
-        missing.retain(|window| heard.completed.contains(window));
-        let (scenario, environment) = (&request.scenario, &request.environment);
-        let sorting = {
-            let (directory, folder) = (self.directory.clone(), folder.clone());
-            let (scenario, environment) = (scenario.clone(), environment.clone());
-            move || collection::sort_windows(&directory, &scenario, &environment, &windows, &folder)
-        };
-        // Captures are compressed: other hosts are not to wait for that.
-        let sorted = spawn_blocking(sorting).await.map_err(io::Error::other)??;
-        for sorted in sorted {
-            missing.remove(&sorted.window());
-            let (scenario, environment) = (scenario.clone(), environment.clone());
-            self.events.emit(match sorted {
-                Sorted::Whole {
-                    window,
-                    verdict,
-                    sha256,
-                } => Event::WindowCollected {
-                    scenario,
-                    environment,
-                    window,
-                    verdict,
-                    sha256: Some(sha256),
-                },
-                Sorted::Broken { window, reason } => Event::WindowBroken {
-                    scenario,
-                    environment,
-                    window,
-                    reason,
-                },
-            })?;
-        }
-        // The environment goes after this: it must not go with windows in it.
-        if !missing.is_empty() {
-            return Err(ScenarioError::NotGivenOut {
-                windows: missing.into_iter().collect(),
-            });
-        }
-        Ok(folder.remove_folder()?)
-    }
-
-    /// Writes the scenario's `environment.json`: what the provider knows and what the workload saw from inside, and
-    /// puts the workload's `network.txt` and what the commands around the windows printed beside it. That of
-    /// an earlier environment, whose windows may count, stays under its own name.
-    fn keep_platform(
-        &self,
-        provider: &dyn Provider,
-        environment: &dyn Environment,
-        request: &EnvironmentRequest,
-        folder: &Place,
-    ) -> Result<(), ScenarioError> {
-        let record = EnvironmentRecord {
-            environment: request.environment.clone(),
-            provider: provider.name().to_owned(),
-            host: request.host.clone(),
-            facts: facts::of(environment),
-            platform: read_json(&folder.join(layout::ENVIRONMENT)),
-        };
-        let place = self.directory.environment(&request.scenario);
-        if let Some(EnvironmentRecord {
-            environment: earlier, ..
-        }) = read_json(&place)
-            && earlier != request.environment
-        {
-            place.rename(&place.beside(format!("environment-{earlier}.json")))?;
-            let network = place.beside(layout::NETWORK);
-            if network.exists() {
-                network.rename(&place.beside(format!("network-{earlier}.txt")))?;
-            }
-        }
-        let network = folder.join(layout::NETWORK);
-        if network.exists() {
-            place
-                .beside(layout::NETWORK)
-                .write(&network.read(LONGEST_TEXT)?)?;
-        }
-        for hook in [layout::PREPARE, layout::RESTORE] {
-            for name in [layout::STDOUT, layout::STDERR] {
-                let printed = folder.join(hook).join(name);
-                if printed.exists() {
-                    let kept = place.beside(format!("{hook}-{}-{name}", request.environment));
-                    kept.write(&printed.read(LONGEST_TEXT)?)?;
-                }
-            }
-        }
-        let mut text = serde_json::to_vec_pretty(&record).map_err(io::Error::from)?;
-        text.push(b'\n');
-        self.events.emit(Event::EnvironmentRecorded {
-            scenario: request.scenario.clone(),
-            environment: request.environment.clone(),
-            sha256: format!("{:x}", Sha256::digest(&text)),
-        })?;
-        Ok(place.write(&text)?)
     }
 
     async fn discard(

@@ -14,7 +14,7 @@ use std::{process::ExitCode, thread, time::Instant};
 use tests::{
     Workplace,
     difference::{deviation, mean},
-    matrix_binary, network_probe,
+    matrix_binary, workload_example,
 };
 
 use crate::{
@@ -55,7 +55,7 @@ fn main() -> ExitCode {
 /// All at once: a machine's virtual time does not notice the others.
 fn measure(ways: &[&Way]) -> Vec<Measured> {
     eprintln!("building what is measured with");
-    network_probe();
+    workload_example("network_probe");
     matrix_binary();
     let begin = Instant::now();
     thread::scope(|scope| {

@@ -1,7 +1,7 @@
 //! The ways to have the network, and what one is found to do. The main types are [`Way`] and [`Measured`].
 
 use serde_json::Value;
-use tests::{network_probe, virtual_time};
+use tests::{virtual_time, workload_example};
 
 /// How many round trips are sent, one every 10 ms.
 const PINGS: usize = 6000;
@@ -74,7 +74,7 @@ impl Way {
              --flood-seconds {FLOOD_SECONDS} >$RESULT",
             self.before, self.settings
         );
-        let result = virtual_time::follow(&[network_probe()], &script, &mut |line| {
+        let result = virtual_time::follow(&[&workload_example("network_probe")], &script, &mut |line| {
             if let Some(step) = line.strip_prefix("network_probe: ") {
                 tell(step);
             }

@@ -1,7 +1,7 @@
 //! The networks that need a kernel of their own choice, in the guest: for real, with real netem.
 
 use serde_json::{Value, json};
-use tests::{Guest, message_ages, network_probe, virtual_time, workload_binary};
+use tests::{Guest, virtual_time, workload_binary, workload_example};
 
 /// Windows of two periods; small enough that the ball stays on the plate.
 fn settings(backend: &str) -> String {
@@ -57,7 +57,7 @@ fn mean_ms(times_ns: &Value) -> f64 {
 fn the_kernel_network_delays_and_loses_as_the_paper_asks_and_the_userspace_one_is_a_stand_in() {
     const PINGS: u64 = 3000;
     let result = virtual_time::run(
-        &[network_probe()],
+        &[&workload_example("network_probe")],
         "modprobe tun\n\
          for backend in kernel userspace; do\n\
          ./network_probe \"{\\\"network\\\": {\\\"backend\\\": \\\"$backend\\\"}}\" --pings 3000 --pairs 2000 >$RESULT\n\
@@ -124,7 +124,7 @@ fn messages_over_the_kernels_tcp_and_netem_are_as_old_as_in_the_simulation() {
         )
     };
     let script: String = calls.iter().map(ages).collect();
-    let result = virtual_time::run(&[message_ages()], &script);
+    let result = virtual_time::run(&[&workload_example("message_ages")], &script);
     let found: Vec<Value> = result
         .lines()
         .map(|line| serde_json::from_str(line).unwrap_or_else(|error| panic!("{error}: {line}")))

@@ -12,7 +12,7 @@ use std::{
 use machine_workload::workload_program;
 use record::{
     platform::SurveyRecord,
-    settings::Settings,
+    settings::{Settings, ValiditySettings},
     window::{CommandRecord, OfExperiment, Verdict, WindowRecord},
 };
 use serde_json::{Value, json};
@@ -66,18 +66,9 @@ struct Place {
 /// No window is suspect for what else happens on the machine: other tests run beside these, and hypervisors take time.
 fn whatever_the_machine_does() -> Value {
     let never = json!({"suspect": "never", "invalid": "never"});
-    let rules = [
-        "steal",
-        "throttled",
-        "thermal_throttles",
-        "other_load",
-        "memory_pressure",
-        "major_faults",
-        "swapped",
-    ];
-    rules
-        .into_iter()
-        .map(|rule| (rule.to_owned(), never.clone()))
+    ValiditySettings::CONDITIONS
+        .iter()
+        .map(|rule| ((*rule).to_owned(), never.clone()))
         .collect()
 }
 

@@ -4,6 +4,7 @@
 
 use std::{fs, process::Command};
 
+use record::settings::ValiditySettings;
 use serde_json::{Value, json};
 use tests::{Ran, Workplace};
 
@@ -34,17 +35,8 @@ fn workplace() -> Workplace {
 
 /// No window is suspect for what else happens on the machine: other tests run beside these, and hypervisors take time.
 fn whatever_the_machine_does() -> String {
-    [
-        "steal",
-        "throttled",
-        "thermal_throttles",
-        "other_load",
-        "memory_pressure",
-        "major_faults",
-        "swapped",
-    ]
-    .map(|rule| format!("{rule}: {{suspect: never, invalid: never}}"))
-    .join(", ")
+    let never = |rule: &&str| format!("{rule}: {{suspect: never, invalid: never}}");
+    Vec::from_iter(ValiditySettings::CONDITIONS.iter().map(never)).join(", ")
 }
 
 /// A file that measures these modes, and some more of it.

@@ -5,32 +5,34 @@
 //! serves all three. The main type is [`Settings`]; [`Settings::problems`] says what does not fit together.
 
 mod backend;
+mod ball;
 mod dynamics;
 mod need;
+mod network;
+mod problems;
 mod simulation;
 pub mod validity;
 
-use std::{borrow::Cow, ops::RangeInclusive};
+use std::ops::RangeInclusive;
 
-use indexmap::IndexMap;
 use serde::{Deserialize, Serialize};
 
 pub use self::{
     backend::{BackendFacts, NetworkBackend, Refusal},
+    ball::{ControlSettings, PdGains, PlantSettings, ReferenceSettings},
     dynamics::{
         Discretization, Dynamics, Feedback, LateTicks, Messages, PlantSends, Processes, Rates, ReferenceBy,
         StepOrder, Waiting, asked_for, recorded,
     },
     need::Need,
+    network::{ImpairedFrom, NetworkSettings, Offloads},
+    problems::SettingsProblem,
     simulation::SimulationSettings,
     validity::{Limit, Limits, ValiditySettings},
 };
 use crate::{
     experiment::CommandExperiment,
-    platform_model::PlatformModel,
-    quantity::{BitRate, Bytes, Fraction, Frequency, TimeSpan},
-    topology::{self, Link, LinkSettings, Topology, Wanted},
-    virtual_host::VirtualHost,
+    quantity::{Bytes, Frequency, TimeSpan},
 };
 
 /// Everything that the experiment inside one environment depends on.
@@ -109,222 +111,6 @@ impl Settings {
             experiment: None,
         }
     }
-}
-
-/// The path `x = a cos(2πft) sin(4πft)`, `y = a cos(2πft) sin(2πft)` with `f = 1/period`, in metres.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
-#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
-#[serde(deny_unknown_fields, default)]
-pub struct ReferenceSettings {
-    /// The amplitude `a`, in metres.
-    pub amplitude_m: f64,
-    /// What it is evaluated at.
-    pub by: ReferenceBy,
-}
-
-impl Default for ReferenceSettings {
-    fn default() -> Self {
-        Self {
-            amplitude_m: 2.0,
-            by: ReferenceBy::Step,
-        }
-    }
-}
-
-/// The plant, one for each axis. The paper's is `Y/U = 1 / (16 s (b1 s + b0))`, `X/Y = -7 / s²`.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
-#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
-#[serde(deny_unknown_fields, default)]
-pub struct PlantSettings {
-    /// The motor's `b1`.
-    pub b1: f64,
-    /// The motor's `b0`.
-    pub b0: f64,
-    /// The plate tilts this far each way, in degrees: a sixteenth of what the motor's shaft turns.
-    pub angle_limit_deg: f64,
-    /// The ball meets the rim at this distance from the centre, in metres.
-    pub position_limit_m: f64,
-    /// How motor and ball go from one step to the next.
-    pub discretization: Discretization,
-    /// When the plant publishes its state.
-    pub sends: PlantSends,
-}
-
-impl Default for PlantSettings {
-    fn default() -> Self {
-        Self {
-            b1: 0.01176,
-            b0: 0.58823,
-            angle_limit_deg: 32.0,
-            position_limit_m: 3.1,
-            discretization: Discretization::ZeroOrderHold,
-            sends: PlantSends::OnTick,
-        }
-    }
-}
-
-/// The gains, the same for both axes, and when the controller ticks.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
-#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
-#[serde(deny_unknown_fields, default)]
-pub struct ControlSettings {
-    /// Ball position to wanted plate angle.
-    pub position: PdGains,
-    /// Motor shaft angle (16 × the plate's) to motor voltage.
-    pub angle: PdGains,
-    /// How long after the plant's tick the controller's comes. It decides how many steps old the state is that the
-    /// controller sees, so it is a setting and not a matter of which process started first.
-    pub phase: TimeSpan,
-    /// Where the rates come from.
-    pub rates: Rates,
-    /// The sign with which the inner loop takes the shaft's rate.
-    pub angle_rate_feedback: Feedback,
-    /// The wanted plate angle, before the gear, is cut to this many degrees each way; `never` for no limit.
-    pub wanted_limit_deg: Limit<f64>,
-    /// What comes first in a step.
-    pub order: StepOrder,
-}
-
-impl Default for ControlSettings {
-    fn default() -> Self {
-        Self {
-            position: PdGains {
-                kp: -1.312,
-                kd: 1.299,
-            },
-            angle: PdGains { kp: 5.79, kd: 0.22 },
-            phase: TimeSpan::from_millis(10),
-            rates: Rates::Sent,
-            angle_rate_feedback: Feedback::Negative,
-            wanted_limit_deg: Limit::Never,
-            order: StepOrder::TakeFirst,
-        }
-    }
-}
-
-/// The gains of one PD controller; `kd` acts on the measured rate.
-#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
-#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
-#[serde(deny_unknown_fields)]
-pub struct PdGains {
-    /// On the error.
-    pub kp: f64,
-    /// On the measured rate.
-    pub kd: f64,
-}
-
-/// How the virtual hosts are connected. Delay, jitter, loss and rate are applied at both ends of each link.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
-#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
-#[serde(deny_unknown_fields, default)]
-pub struct NetworkSettings {
-    /// What carries the packets.
-    pub backend: NetworkBackend,
-    /// Mean delay of one pass through a link's end.
-    pub delay: TimeSpan,
-    /// Uniform on [delay − jitter, delay + jitter).
-    pub jitter: TimeSpan,
-    /// Share of packets lost at one pass through a link's end, each independently.
-    pub loss: Fraction,
-    /// Rate of one pass through a link's end.
-    pub bandwidth: BitRate,
-    /// How many packets a link's end holds before it drops (netem's `limit`).
-    pub limit_packets: u32,
-    /// From when on the links are impaired.
-    pub impaired_from: ImpairedFrom,
-    /// What the hosts' interfaces do for TCP, where they are the kernel's.
-    pub offloads: Offloads,
-    /// Seed of the losses and the jitter, of the `userspace` network only. When it is left out, each environment draws its own and `window.json` has it.
-    #[serde(skip_serializing_if = "Option::is_none")]
-    pub seed: Option<u64>,
-    /// The virtual hosts, each with its link to a switch. Their addresses are 10.0.0.1, 10.0.0.2 and so on in this order. Left out,
-    /// they are h1, sta1 and sta2.
-    #[serde(skip_serializing_if = "IndexMap::is_empty")]
-    #[cfg_attr(
-        feature = "schema",
-        schemars(with = "std::collections::BTreeMap<String, LinkSettings>")
-    )]
-    pub hosts: IndexMap<VirtualHost, LinkSettings>,
-    /// The switches, each but the first with its link to one before it. Left out, there is one.
-    #[serde(skip_serializing_if = "IndexMap::is_empty")]
-    #[cfg_attr(
-        feature = "schema",
-        schemars(with = "std::collections::BTreeMap<String, LinkSettings>")
-    )]
-    pub switches: IndexMap<VirtualHost, LinkSettings>,
-}
-
-impl NetworkSettings {
-    /// Who is connected to whom.
-    #[must_use]
-    pub fn topology(&self) -> Topology {
-        Topology::of(&self.wanted(&self.link()))
-    }
-
-    pub(crate) const fn wanted<'a>(&'a self, link: &'a Link) -> Wanted<'a> {
-        Wanted {
-            hosts: &self.hosts,
-            switches: &self.switches,
-            link,
-        }
-    }
-
-    /// What each link does that says nothing of its own.
-    #[must_use]
-    pub const fn link(&self) -> Link {
-        Link {
-            delay: self.delay,
-            jitter: self.jitter,
-            loss: self.loss,
-            bandwidth: self.bandwidth,
-            limit_packets: self.limit_packets,
-        }
-    }
-}
-
-impl Default for NetworkSettings {
-    fn default() -> Self {
-        Self {
-            backend: NetworkBackend::Userspace,
-            delay: TimeSpan::from_millis(10),
-            jitter: TimeSpan::from_millis(1),
-            loss: Fraction::from_percent(1.0),
-            bandwidth: BitRate::from_mbit(10),
-            limit_packets: 1000,
-            impaired_from: ImpairedFrom::Connection,
-            offloads: Offloads::Mininet,
-            seed: None,
-            hosts: IndexMap::new(),
-            switches: IndexMap::new(),
-        }
-    }
-}
-
-/// From when on the links delay, lose and limit. All control steps are after it, either way.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
-#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
-#[serde(rename_all = "lowercase")]
-pub enum ImpairedFrom {
-    /// Once both topics are connected. Registering and connecting take some fifteen messages in a row, 0.3 s on the
-    /// paper's links and minutes or for ever on worse ones, and nothing of it is measured. TCP, though, keeps the
-    /// shortest round trip that it saw on a connection for 300 s (`tcp_min_rtt_wlen`) and judges reordering by a quarter
-    /// of it: it matters where segments follow each other within 10 ms, so not at 50 Hz.
-    Connection,
-    /// From the beginning, as with Mininet's `TCLink`: registering and connecting meet delay and loss, too.
-    Start,
-}
-
-/// What an interface of the kernel does for TCP. The TAP devices of `userspace` never do any of it.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize)]
-#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
-#[serde(rename_all = "lowercase")]
-pub enum Offloads {
-    /// As Mininet leaves veth: TCP hands over up to 64 KiB at once, which netem delays and loses as one packet, and
-    /// leaves checksums out, which captures then show.
-    Mininet,
-    /// None (`ethtool -K … tso off gso off gro off tx off`): every packet on a link is one that Ethernet could carry.
-    /// Needs `ethtool`.
-    None,
 }
 
 /// How the nodes talk to each other.
@@ -445,17 +231,6 @@ impl Default for LoopSettings {
     }
 }
 
-/// Two settings that do not fit together, or one out of its range.
-#[derive(Debug, Clone, PartialEq, Eq)]
-pub struct SettingsProblem {
-    /// Dotted path of the setting to change, such as `window`; an item of a list is named by its place, from 0.
-    pub path: Cow<'static, str>,
-    /// What is wrong.
-    pub message: String,
-    /// What to write instead.
-    pub hint: String,
-}
-
 /// One environment is what earlier versions had, whose records do not say so.
 #[allow(clippy::trivially_copy_pass_by_ref)] // As serde calls it.
 fn is_one(environments: &u32) -> bool {
@@ -534,258 +309,6 @@ impl Settings {
     pub fn steps_per_window(&self) -> u64 {
         self.periods_per_window() * self.steps_per_period()
     }
-
-    /// Rules that exclude each other: path, what is wrong, what to write.
-    fn contradictions(&self) -> Vec<(&'static str, &'static str, &'static str)> {
-        let mut found = Vec::new();
-        if self.control.rates == Rates::Sent && self.ros.messages != Messages::Rates {
-            found.push((
-                "control.rates",
-                "the messages carry no rates that the controller could use",
-                "write `differenced`, or `ros.messages: rates`",
-            ));
-        }
-        if self.ros.messages == Messages::Rates && self.plant.discretization == Discretization::Author {
-            found.push((
-                "ros.messages",
-                "the author's difference equations have no rates to send",
-                "write `text` or `positions`, or `plant.discretization: zero-order-hold`",
-            ));
-        }
-        if self.loops.controller_waits == Waiting::Spin && self.realtime.priority > 0 {
-            found.push((
-                "loops.controller_waits",
-                "a thread that spins at real-time priority lets nothing else run on its processor",
-                "write `sleep`, or `realtime.priority: 0`",
-            ));
-        }
-        found
-    }
-
-    /// Windows of a scenario, each of which is a folder.
-    pub const MOST_WINDOWS: u32 = 10_000;
-
-    /// What is wrong with these settings; empty if the experiment can run with them.
-    #[must_use]
-    pub fn problems(&self) -> Vec<SettingsProblem> {
-        let mut problems = Vec::new();
-        let mut problem = |path, message: String, hint: String| {
-            problems.push(SettingsProblem {
-                path: Cow::Borrowed(path),
-                message,
-                hint,
-            });
-        };
-        if self.windows == 0 {
-            problem(
-                "windows",
-                "there is no window to measure".into(),
-                "write at least 1".into(),
-            );
-        }
-        if self.windows > Self::MOST_WINDOWS {
-            problem(
-                "windows",
-                format!("{} windows are more than anybody measures", self.windows),
-                format!("write at most {}", Self::MOST_WINDOWS),
-            );
-        } else if !(1..=Self::MOST_ENVIRONMENTS).contains(&self.environments) {
-            let most = Self::MOST_ENVIRONMENTS;
-            problem(
-                "environments",
-                format!("{} environments cannot be measured in", self.environments),
-                format!("write 1 to {most}"),
-            );
-        } else if self.all_windows() > Self::MOST_WINDOWS {
-            problem(
-                "environments",
-                format!(
-                    "{} windows in each of {} environments are more than {} windows of a scenario",
-                    self.windows,
-                    self.environments,
-                    Self::MOST_WINDOWS
-                ),
-                "write fewer environments, or fewer `windows`".into(),
-            );
-        }
-        for path in self.validity.crossed() {
-            problem(
-                path,
-                "a window would be invalid before it is suspect".into(),
-                "write at least what `suspect` is, or `never`".into(),
-            );
-        }
-        match &self.experiment {
-            Some(experiment) => {
-                problems.extend(experiment.problems(&self.network.topology()));
-                if self.network_in_use().is_some() {
-                    self.problems_of_the_network(&mut problems);
-                }
-            }
-            None => {
-                self.problems_of_the_ball(&mut problems);
-                self.problems_of_the_network(&mut problems);
-                problems.extend(self.problems_of_the_simulation());
-            }
-        }
-        problems
-    }
-
-    /// What is wrong with what is computed in place of measured.
-    fn problems_of_the_simulation(&self) -> impl Iterator<Item = SettingsProblem> {
-        let platform = self.simulation.iter().map(|simulation| &simulation.platform);
-        platform
-            .flat_map(PlatformModel::problems)
-            .map(|(path, message, hint)| SettingsProblem {
-                path: format!("simulation.platform.{path}").into(),
-                message,
-                hint: hint.to_owned(),
-            })
-    }
-
-    /// What is wrong with the emulated network and its captures.
-    fn problems_of_the_network(&self, problems: &mut Vec<SettingsProblem>) {
-        let of_the_topology = topology::problems(&self.network.wanted(&self.network.link())).into_iter();
-        problems.extend(of_the_topology.map(|(path, message, hint)| SettingsProblem {
-            path: format!("network.{path}").into(),
-            message,
-            hint,
-        }));
-        let mut problem = |path, message: String, hint: String| {
-            problems.push(SettingsProblem {
-                path: Cow::Borrowed(path),
-                message,
-                hint,
-            });
-        };
-        for refusal in self.network.backend.facts().refusals {
-            if let Some(message) = (refusal.problem)(&self.network) {
-                problem(refusal.path, message, refusal.hint.into());
-            }
-        }
-        if self.capture.snaplen.get() < 96 || self.capture.snaplen.get() > 262_144 {
-            problem(
-                "capture.snaplen",
-                format!(
-                    "{} does not hold the headers, or is more than a packet has",
-                    self.capture.snaplen
-                ),
-                "write a size from `96B` to `256KiB`".into(),
-            );
-        }
-        if self
-            .capture
-            .filter
-            .as_ref()
-            .is_some_and(|filter| filter.trim().is_empty())
-        {
-            problem(
-                "capture.filter",
-                "an empty expression names no packets".into(),
-                "leave it out to capture all packets, or write an expression such as `tcp`".into(),
-            );
-        }
-    }
-
-    /// What is wrong with what only the ball on the plate has.
-    fn problems_of_the_ball(&self, problems: &mut Vec<SettingsProblem>) {
-        let mut problem = |path, message: String, hint: String| {
-            problems.push(SettingsProblem {
-                path: Cow::Borrowed(path),
-                message,
-                hint,
-            });
-        };
-        let period = self.period.as_nanos();
-        if period == 0 {
-            problem(
-                "period",
-                "the period is zero".into(),
-                "write a length such as `100s`".into(),
-            );
-        } else if self.window.as_nanos() == 0 || self.window.as_nanos() % period != 0 {
-            let periods = (self.window.as_nanos() as f64 / period as f64).round().max(1.0) as u64;
-            problem(
-                "window",
-                format!(
-                    "a window of {} is not a whole number of periods of {}",
-                    self.window, self.period
-                ),
-                format!(
-                    "write `{}`, which is {periods} periods",
-                    TimeSpan::from(self.period.duration() * u32::try_from(periods).unwrap_or(u32::MAX))
-                ),
-            );
-        }
-        let steps = self.period.as_secs_f64() * self.rate.hz();
-        if period != 0 && ((steps - steps.round()).abs() > 1e-9 * steps.max(1.0) || steps < 1.0) {
-            problem(
-                "rate",
-                format!(
-                    "a period of {} at {} is not a whole number of steps ({steps})",
-                    self.period, self.rate
-                ),
-                "choose a rate that divides the period".into(),
-            );
-        }
-        if self.control.phase.duration() >= self.rate.step() {
-            problem(
-                "control.phase",
-                format!(
-                    "{} is not within one step of {:?}",
-                    self.control.phase,
-                    self.rate.step()
-                ),
-                "write a time below one step".into(),
-            );
-        }
-        if self.realtime.priority > 99 {
-            problem(
-                "realtime.priority",
-                format!("{} is above the highest priority", self.realtime.priority),
-                "write 1 to 99, or 0 for the ordinary scheduler".into(),
-            );
-        }
-        for (path, message, hint) in self.contradictions() {
-            problem(path, message.to_owned(), hint.to_owned());
-        }
-        if matches!(self.control.wanted_limit_deg, Limit::Above(limit) if !(limit.is_finite() && limit > 0.0))
-        {
-            problem(
-                "control.wanted_limit_deg",
-                "a limit that is no positive number lets no angle be wanted".into(),
-                "write a positive number of degrees, or `never`".into(),
-            );
-        }
-        if !self.network.topology().names().eq(VirtualHost::OF_THE_BALL) {
-            let [h1, sta1, sta2] = VirtualHost::OF_THE_BALL;
-            problem(
-                "network.hosts",
-                "the ball on the plate has other hosts".into(),
-                format!("write `{h1}`, `{sta1}` and `{sta2}`, in this order, each with its link"),
-            );
-        }
-        for (path, value, positive) in [
-            ("reference.amplitude_m", self.reference.amplitude_m, false),
-            ("plant.b1", self.plant.b1, true),
-            ("plant.b0", self.plant.b0, true),
-            ("plant.angle_limit_deg", self.plant.angle_limit_deg, true),
-            ("plant.position_limit_m", self.plant.position_limit_m, true),
-            ("control.position.kp", self.control.position.kp, false),
-            ("control.position.kd", self.control.position.kd, false),
-            ("control.angle.kp", self.control.angle.kp, false),
-            ("control.angle.kd", self.control.angle.kd, false),
-        ] {
-            if !value.is_finite() || (positive && value <= 0.0) {
-                let wanted = if positive {
-                    "a positive number"
-                } else {
-                    "a finite number"
-                };
-                problem(path, format!("{value} does not do"), format!("write {wanted}"));
-            }
-        }
-    }
 }
 
 #[cfg(test)]
@@ -826,33 +349,5 @@ mod tests {
         let text = serde_json::to_string(&settings).unwrap();
         assert!(text.contains(r#""delay":"10ms""#), "{text}");
         assert_eq!(serde_json::from_str::<Settings>(&text).unwrap(), settings);
-    }
-
-    #[test]
-    fn a_window_that_cuts_a_period_is_a_problem_with_the_nearest_whole_one() {
-        let settings = Settings {
-            window: TimeSpan::from_secs(250),
-            ..Settings::default()
-        };
-        let problems = settings.problems();
-        assert_eq!(problems.len(), 1);
-        assert_eq!(problems[0].path, "window");
-        assert_eq!(problems[0].hint, "write `300s`, which is 3 periods");
-    }
-
-    #[rstest::rstest]
-    #[case(1000, None)]
-    #[case(1001, Some("network.bandwidth"))]
-    fn mininet_sets_no_limit_above_a_gigabit_and_that_is_a_problem(
-        #[case] mbit: u32,
-        #[case] problem: Option<&str>,
-    ) {
-        let mut settings = Settings::default();
-        settings.network.backend = NetworkBackend::Mininet;
-        settings.network.bandwidth = BitRate::from_mbit(mbit.into());
-        assert_eq!(
-            settings.problems().first().map(|problem| problem.path.as_ref()),
-            problem
-        );
     }
 }

@@ -7,10 +7,15 @@
 //! The folder is opened once, and its handle is kept by all places in it: whoever may rename it could otherwise put another in its
 //! place between two looks, and have that one read and written.
 
+mod digest;
+mod kind;
+mod root;
+mod unfinished;
+
 use std::{
     cmp::Ordering,
     ffi::OsStr,
-    fmt, fs,
+    fmt,
     fs::File,
     hash::{Hash, Hasher},
     io::{self, BufWriter, Read as _, Seek as _, Write as _},
@@ -20,12 +25,14 @@ use std::{
 };
 
 use cap_fs_ext::{DirExt as _, FollowSymlinks, OpenOptionsFollowExt as _};
-use cap_std::{
-    ambient_authority,
-    fs::{Dir, FileType, MetadataExt as _, OpenOptions, OpenOptionsExt as _},
-};
+use cap_std::fs::{Dir, OpenOptions, OpenOptionsExt as _};
 use rustix::fs::{Mode, OFlags, SeekFrom, fsync, openat, seek};
-use sha2::{Digest, Sha256};
+
+pub use self::{digest::FileDigest, kind::Kind, unfinished::Unfinished};
+use self::{
+    kind::{not_a_file, of_kind},
+    root::{Identity, Root, Way},
+};
 
 /// What is in one folder. A scenario has ten thousand windows at most.
 const MOST_ENTRIES: usize = 1 << 18;
@@ -35,81 +42,6 @@ const MOST_ENTRIES: usize = 1 << 18;
 pub struct Place {
     root: Arc<Root>,
     below: PathBuf,
-}
-
-/// The folder below which nothing is trusted.
-#[derive(Debug)]
-struct Root {
-    path: PathBuf,
-    way: Way,
-    /// Which folder it was before; none if it has not been opened before.
-    was: Option<Identity>,
-    /// From the first opening on: a folder that takes its name later is another.
-    opened: OnceLock<Arc<Dir>>,
-}
-
-/// How a root is reached.
-#[derive(Debug)]
-enum Way {
-    /// By a path that its user named. Links on it are the user's own.
-    Named,
-    /// It was found in a folder that may be anyone's.
-    Found(Place),
-}
-
-/// What tells a folder from another that takes its name.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-struct Identity {
-    device: u64,
-    inode: u64,
-}
-
-impl Identity {
-    fn of(folder: &Dir) -> io::Result<Self> {
-        let about = folder.dir_metadata()?;
-        Ok(Self {
-            device: about.dev(),
-            inode: about.ino(),
-        })
-    }
-}
-
-impl Root {
-    /// The handle, which is kept.
-    fn open(&self) -> io::Result<Arc<Dir>> {
-        if let Some(opened) = self.opened.get() {
-            return Ok(Arc::clone(opened));
-        }
-        let folder = match &self.way {
-            Way::Named => Arc::new(Dir::open_ambient_dir(&self.path, ambient_authority())?),
-            Way::Found(place) => place.folder()?,
-        };
-        if let Some(was) = self.was {
-            if was != Identity::of(&folder)? {
-                return Err(io::Error::other(
-                    "another folder has taken its place since it was read: see who else writes there, and start again",
-                ));
-            }
-        }
-        // Of two threads both go on with the handle of the first.
-        Ok(Arc::clone(self.opened.get_or_init(|| folder)))
-    }
-
-    /// Makes the folder. One that is open is there: if it was removed since, it is not to be made anew behind a handle that leads to
-    /// the old one.
-    fn make(&self) -> io::Result<()> {
-        match (&self.way, self.opened.get()) {
-            (_, Some(_)) => Ok(()),
-            (Way::Named, None) => fs::create_dir_all(&self.path),
-            (Way::Found(place), None) => place.make_folder(),
-        }
-    }
-}
-
-impl Place {
-    fn paths(&self) -> (&Path, &Path) {
-        (&self.root.path, &self.below)
-    }
 }
 
 impl PartialEq for Place {
@@ -135,49 +67,6 @@ impl Ord for Place {
 impl Hash for Place {
     fn hash<H: Hasher>(&self, state: &mut H) {
         self.paths().hash(state);
-    }
-}
-
-/// What tells a file's content from another's.
-#[derive(Debug, Clone, PartialEq, Eq)]
-pub struct FileDigest {
-    /// Its length.
-    pub bytes: u64,
-    /// Its SHA-256, in hexadecimal.
-    pub sha256: String,
-}
-
-impl FileDigest {
-    /// Of what is left to read of a file.
-    ///
-    /// # Errors
-    /// When it cannot be read.
-    pub fn of(mut file: File) -> io::Result<Self> {
-        let mut hasher = Sha256::new();
-        let bytes = io::copy(&mut file, &mut hasher)?;
-        let sha256 = format!("{:x}", hasher.finalize());
-        Ok(Self { bytes, sha256 })
-    }
-}
-
-/// What is at a place.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Kind {
-    /// A regular file.
-    File,
-    /// A folder.
-    Folder,
-    /// A link, a device, a socket or a FIFO: never opened.
-    Other,
-}
-
-impl From<FileType> for Kind {
-    fn from(kind: FileType) -> Self {
-        match kind {
-            kind if kind.is_file() => Self::File,
-            kind if kind.is_dir() => Self::Folder,
-            _ => Self::Other,
-        }
     }
 }
 
@@ -535,6 +424,10 @@ impl Place {
         }
     }
 
+    fn paths(&self) -> (&Path, &Path) {
+        (&self.root.path, &self.below)
+    }
+
     fn open_root(&self) -> io::Result<Arc<Dir>> {
         self.root.open()
     }
@@ -574,31 +467,6 @@ impl fmt::Display for Place {
     }
 }
 
-/// A file that is not at its place yet. It is removed if it never comes there.
-#[derive(Debug)]
-pub struct Unfinished {
-    place: Place,
-    beside: Place,
-}
-
-impl Unfinished {
-    /// Gives it its place, over what is there. What was written must be flushed.
-    ///
-    /// # Errors
-    /// When the folder cannot be written.
-    pub fn finish(self) -> io::Result<Place> {
-        self.beside.rename(&self.place)?;
-        Ok(self.place.clone())
-    }
-}
-
-impl Drop for Unfinished {
-    fn drop(&mut self) {
-        // Nothing is there any more if it was finished.
-        let _ = self.beside.remove_file();
-    }
-}
-
 /// A file of zeros takes no room on a disk, however long it says that it is: to read it to its end takes days, and a copy fills the
 /// disk. matrix writes none. A short one is read sooner than its file system says where its holes are.
 fn ensure_it_has_no_holes(file: &mut File) -> io::Result<()> {
@@ -634,21 +502,6 @@ fn quoted(name: &OsStr) -> String {
     format!("`{}`", name.to_string_lossy().escape_default())
 }
 
-fn not_a_file(kind: Kind) -> io::Error {
-    io::Error::new(
-        io::ErrorKind::InvalidInput,
-        format!("it is {}, and not a regular file", of_kind(kind)),
-    )
-}
-
-const fn of_kind(kind: Kind) -> &'static str {
-    match kind {
-        Kind::File => "a file",
-        Kind::Folder => "a folder",
-        Kind::Other => "a link, a device, a socket or a FIFO",
-    }
-}
-
 fn leads_out() -> io::Error {
     io::Error::new(io::ErrorKind::InvalidInput, "its name leads out of its folder")
 }
@@ -661,148 +514,4 @@ fn absent_is_well(done: io::Result<()>) -> io::Result<()> {
 }
 
 #[cfg(test)]
-mod tests {
-    use std::os::unix::fs::symlink;
-
-    use super::*;
-
-    /// A file with so many zeros that take no room, and its folder.
-    fn sparse(bytes: u64) -> (tempfile::TempDir, Place) {
-        let folder = tempfile::tempdir().unwrap();
-        let place = Place::root(folder.path()).join("file");
-        fs::write(place.path(), "begins well\n").unwrap();
-        let file = fs::OpenOptions::new().write(true).open(place.path());
-        file.unwrap().set_len(bytes).unwrap();
-        (folder, place)
-    }
-
-    #[test]
-    fn a_folder_that_is_exchanged_for_a_link_is_neither_read_nor_written() {
-        let folder = tempfile::tempdir().unwrap();
-        let (history, victim) = (folder.path().join("history"), folder.path().join("victim"));
-        fs::create_dir_all(history.join("run")).unwrap();
-        fs::create_dir(&victim).unwrap();
-        fs::write(victim.join("file"), "theirs").unwrap();
-        let found = Place::root(&history).join("run").as_root();
-        let (read_before, read_after) = (found.clone(), Place::root(&history).join("run").as_root());
-        assert!(!read_before.join("file").exists());
-
-        fs::rename(history.join("run"), history.join("moved")).unwrap();
-        symlink(&victim, history.join("run")).unwrap();
-        // What was opened before stays the folder that it was.
-        found.join("file").write(b"mine").unwrap();
-        found.join("report").make_folder().unwrap();
-        assert_eq!(fs::read(history.join("moved/file")).unwrap(), b"mine");
-        assert!(history.join("moved/report").is_dir());
-        found.join("file").remove_file().unwrap();
-        // What was not is refused.
-        assert_eq!(
-            read_after.ensure_root().unwrap_err().kind(),
-            io::ErrorKind::NotADirectory
-        );
-        assert!(read_after.join("report").make_folder().is_err());
-        assert_eq!(fs::read_dir(&victim).unwrap().count(), 1);
-        assert_eq!(fs::read(victim.join("file")).unwrap(), b"theirs");
-    }
-
-    #[test]
-    fn a_folder_that_is_opened_anew_must_be_the_one_that_it_was() {
-        let folder = tempfile::tempdir().unwrap();
-        let [run, other] = ["run", "other"].map(|name| folder.path().join(name));
-        fs::create_dir(&run).unwrap();
-        fs::create_dir(&other).unwrap();
-        fs::write(other.join("file"), "theirs").unwrap();
-        for place in [
-            Place::root(&run),
-            Place::root(folder.path()).join("run").as_root(),
-        ] {
-            let again = place.to_reopen().unwrap();
-            again.to_reopen().unwrap().ensure_root().unwrap();
-            fs::rename(&run, folder.path().join("moved")).unwrap();
-            fs::rename(&other, &run).unwrap();
-            let error = again.join("file").open().unwrap_err();
-            assert!(error.to_string().contains("another folder"), "{error}");
-            again.join("file").remove_file().unwrap_err();
-            fs::rename(&run, &other).unwrap();
-            fs::rename(folder.path().join("moved"), &run).unwrap();
-            again.ensure_root().unwrap();
-        }
-        assert!(other.join("file").exists());
-    }
-
-    #[test]
-    fn a_root_that_a_person_named_may_be_a_link_and_may_be_made_later() {
-        let folder = tempfile::tempdir().unwrap();
-        let place = Place::root(folder.path().join("later/run"));
-        assert_eq!(place.ensure_root().unwrap_err().kind(), io::ErrorKind::NotFound);
-        place.join("a").make_folder().unwrap();
-        symlink(folder.path().join("later"), folder.path().join("link")).unwrap();
-        assert!(Place::root(folder.path().join("link/run")).join("a").is_folder());
-        assert!(Place::root(folder.path().join("link")).join("run/a").is_folder());
-    }
-
-    /// Handles of this process that lead into a folder.
-    fn handles_into(folder: &Path) -> usize {
-        let handles = fs::read_dir("/proc/self/fd").unwrap();
-        let leads_there =
-            |entry: &fs::DirEntry| fs::read_link(entry.path()).is_ok_and(|to| to.starts_with(folder));
-        handles.flatten().filter(leads_there).count()
-    }
-
-    #[test]
-    fn a_folder_is_open_no_longer_than_it_is_looked_at() {
-        let folder = tempfile::tempdir().unwrap();
-        let real = folder.path().canonicalize().unwrap();
-        let history = Place::root(&real);
-        let mut later = Vec::new();
-        for number in 0..100 {
-            let run = history.join(number.to_string());
-            run.make_folder().unwrap();
-            let run = run.as_root();
-            run.join("a").make_folder().unwrap();
-            later.push(run.to_reopen().unwrap());
-        }
-        assert_eq!(handles_into(&real), 1);
-        assert!(
-            later
-                .iter()
-                .all(|run| run.to_reopen().unwrap().join("a").is_folder())
-        );
-        assert_eq!(handles_into(&real), 1);
-    }
-
-    #[test]
-    fn nothing_is_written_by_another_name_of_a_file() {
-        let folder = tempfile::tempdir().unwrap();
-        fs::write(folder.path().join("profile"), "theirs").unwrap();
-        let place = Place::root(folder.path()).join("lock");
-        fs::hard_link(folder.path().join("profile"), place.path()).unwrap();
-        let mut options = OpenOptions::new();
-        options.read(true).write(true);
-        let error = place.open_to_write(&options).unwrap_err();
-        assert!(error.to_string().contains("2 names"), "{error}");
-        fs::remove_file(folder.path().join("profile")).unwrap();
-        place.open_to_write(&options).unwrap();
-    }
-
-    #[test]
-    fn a_file_of_zeros_that_take_no_room_is_refused_at_once() {
-        let (_folder, place) = sparse(15 << 40);
-        let error = place.digest().unwrap_err();
-        assert!(error.to_string().contains("holes"), "{error}");
-        assert_eq!(place.open().unwrap_err().kind(), io::ErrorKind::FileTooLarge);
-    }
-
-    #[test]
-    fn a_file_without_holes_is_read_from_its_beginning() {
-        let folder = tempfile::tempdir().unwrap();
-        let place = Place::root(folder.path()).join("file");
-        let bytes: Vec<u8> = (0..=255).cycle().take(17 << 20).collect();
-        fs::write(place.path(), &bytes).unwrap();
-        assert_eq!(place.read(u64::MAX).unwrap(), bytes);
-        assert_eq!(
-            place.open_within(bytes.len() as u64 - 1).unwrap_err().kind(),
-            io::ErrorKind::FileTooLarge
-        );
-    }
-}
+mod tests;

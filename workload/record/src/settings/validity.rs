@@ -16,8 +16,8 @@ use crate::{
     window::{CaptureRecord, ConditionsRecord, LoopRecord, WindowRecord},
 };
 
-/// Makes [`ValiditySettings`] of the rows. Each group is a method that looks for findings in what its parameters name; a row in it
-/// is a rule:
+/// Makes [`ValiditySettings`] of the rows. Each group is a method that looks for findings in what its parameters name, and a
+/// constant with the names of its rules; a row in it is a rule:
 ///
 /// ```text
 /// /// What is limited: the text in the schema.
@@ -33,7 +33,7 @@ use crate::{
 macro_rules! rules {
     ($(
         $(#[$about:meta])*
-        $group:ident($($parameter:ident: $kind:ty),+) {
+        $group:ident($($parameter:ident: $kind:ty),+) named $names:ident {
             $(
                 $(#[$comment:meta])*
                 $rule:ident: $unit:ident {
@@ -61,6 +61,13 @@ macro_rules! rules {
         }
 
         impl ValiditySettings {
+            $(
+                $(#[$about])*
+                ///
+                /// The rules of it, by their names in the settings.
+                pub const $names: &[&str] = &[$(stringify!($rule)),+];
+            )+
+
             /// The rules whose `invalid` limit lies below their `suspect` limit, by the dotted path of the former.
             #[must_use]
             pub fn crossed(&self) -> Vec<&'static str> {
@@ -85,7 +92,7 @@ macro_rules! rules {
 
 rules! {
     /// How one of the two loops held its schedule.
-    timing(who: &str, done: &LoopRecord, step_ns: i64) {
+    timing(who: &str, done: &LoopRecord, step_ns: i64) named TIMING {
         /// Share of a loop's steps that began a whole step late or more.
         missed_deadlines: Fraction {
             limits: Limits::both(percent(0.1), percent(5.0)),
@@ -103,7 +110,7 @@ rules! {
     }
 
     /// What concerns the window as a whole.
-    whole(record: &WindowRecord, step_ns: i64) {
+    whole(record: &WindowRecord, step_ns: i64) named WHOLE {
         /// The longest time without a control step, in steps.
         gap_steps: u32 {
             limits: Limits::both(5, 50),
@@ -131,7 +138,7 @@ rules! {
     }
 
     /// What one of the captures lacks.
-    capture(capture: &CaptureRecord) {
+    capture(capture: &CaptureRecord) named CAPTURE {
         /// Share of a capture's packets that the kernel dropped.
         capture_dropped: Fraction {
             limits: Limits::suspect(percent(0.0)),
@@ -144,7 +151,7 @@ rules! {
     }
 
     /// What else happened on the machine.
-    conditions(seen: &ConditionsRecord) {
+    conditions(seen: &ConditionsRecord) named CONDITIONS {
         /// Share of the processors' time that a hypervisor gave to others.
         steal: Fraction {
             limits: Limits::suspect(percent(1.0)),
