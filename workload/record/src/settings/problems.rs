@@ -16,6 +16,16 @@ pub struct SettingsProblem {
     pub hint: String,
 }
 
+impl SettingsProblem {
+    const fn of(path: &'static str, message: String, hint: String) -> Self {
+        Self {
+            path: Cow::Borrowed(path),
+            message,
+            hint,
+        }
+    }
+}
+
 impl Settings {
     /// Windows of a scenario, each of which is a folder.
     pub const MOST_WINDOWS: u32 = 10_000;
@@ -51,13 +61,7 @@ impl Settings {
     #[must_use]
     pub fn problems(&self) -> Vec<SettingsProblem> {
         let mut problems = Vec::new();
-        let mut problem = |path, message: String, hint: String| {
-            problems.push(SettingsProblem {
-                path: Cow::Borrowed(path),
-                message,
-                hint,
-            });
-        };
+        let mut problem = |path, message, hint| problems.push(SettingsProblem::of(path, message, hint));
         if self.windows == 0 {
             problem(
                 "windows",
@@ -133,13 +137,7 @@ impl Settings {
             message,
             hint,
         }));
-        let mut problem = |path, message: String, hint: String| {
-            problems.push(SettingsProblem {
-                path: Cow::Borrowed(path),
-                message,
-                hint,
-            });
-        };
+        let mut problem = |path, message, hint| problems.push(SettingsProblem::of(path, message, hint));
         for refusal in self.network.backend.facts().refusals {
             if let Some(message) = (refusal.problem)(&self.network) {
                 problem(refusal.path, message, refusal.hint.into());
@@ -171,13 +169,7 @@ impl Settings {
 
     /// What is wrong with what only the ball on the plate has.
     fn problems_of_the_ball(&self, problems: &mut Vec<SettingsProblem>) {
-        let mut problem = |path, message: String, hint: String| {
-            problems.push(SettingsProblem {
-                path: Cow::Borrowed(path),
-                message,
-                hint,
-            });
-        };
+        let mut problem = |path, message, hint| problems.push(SettingsProblem::of(path, message, hint));
         let period = self.period.as_nanos();
         if period == 0 {
             problem(
