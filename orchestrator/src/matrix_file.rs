@@ -32,7 +32,6 @@ use std::{
 use record::{
     axis::{NODE, SIMULATED},
     connection::Connection,
-    experiment::CommandExperiment,
     report_settings::ReportSettings,
     settings::{Dynamics, Settings, SettingsProblem},
 };
@@ -51,27 +50,17 @@ pub use text::text_within_limits;
 pub(crate) use text::{text_at, within_limits};
 
 use profiles::{add_in_profile, choose, read_profiles};
-use sections::check_sections;
+use sections::{EXPERIMENT, HOSTS, MATRIX, PROVIDERS, REPORT, WORKLOAD, check_sections};
 use source::{Source, Span};
 use text::{beginning_of, decode, open};
 use tree::{Content, Node};
 
 use crate::provider::{Catalogue, ProviderSettings};
 
-const MATRIX: &str = "matrix";
-const HOSTS: &str = "hosts";
 /// The setting of the workload that decides what others are when they are left out.
 const DYNAMICS: &str = "dynamics";
-const WORKLOAD: &str = "workload";
-const REPORT: &str = "report";
-const PROVIDERS: &str = "providers";
-const PROFILES: &str = "profiles";
-const EXPERIMENT: &str = CommandExperiment::SECTION;
 /// Where a file names the folder of its platforms.
 const PLATFORMS: &str = "providers.simulated.platforms";
-
-/// The sections of a matrix file.
-const SECTIONS: [&str; 7] = [MATRIX, HOSTS, EXPERIMENT, WORKLOAD, REPORT, PROVIDERS, PROFILES];
 
 /// A matrix file that makes sense, with one of its profiles applied or none.
 #[derive(Debug, Clone, PartialEq)]

@@ -75,7 +75,7 @@ impl Redaction {
         for word in words {
             found.add("name", word);
         }
-        Ok(found.redaction())
+        Ok(found.into())
     }
 
     /// Each name with what stands for it, in alphabetical order.
@@ -149,6 +149,24 @@ impl Redaction {
     /// A record that keeps its shape.
     fn record<T: Serialize + DeserializeOwned>(&self, record: &T) -> Result<T, serde_json::Error> {
         serde_json::from_value(self.document(serde_json::to_value(record)?))
+    }
+}
+
+impl From<Found> for Redaction {
+    fn from(found: Found) -> Self {
+        let all = found.names.values().flatten();
+        let all: Names<()> = all.map(|name| (name.clone(), ())).collect();
+        let kept: BTreeSet<&str> = found.axes.iter().flat_map(|axis| all.within(axis)).collect();
+        let replaced = found.names.iter().flat_map(|(kind, names)| {
+            let replaced = names.iter().filter(|name| !kept.contains(name.as_str()));
+            (1..)
+                .zip(replaced)
+                .map(move |(number, name)| (name.clone(), format!("{kind}-{number}")))
+        });
+        Self {
+            names: replaced.collect(),
+            kept: kept.into_iter().map(str::to_owned).collect(),
+        }
     }
 }
 

@@ -5,9 +5,9 @@ use std::sync::Arc;
 use record::{experiment::CommandExperiment, report_settings::ReportSettings};
 
 use super::{
-    EXPERIMENT, REPORT, WORKLOAD,
     axes::Axes,
     diagnostic::{Code, Diagnostic, Diagnostics},
+    sections::{EXPERIMENT, REPORT, WORKLOAD},
     source::{Source, Span},
     spelling::{list, propose},
     sweep::{PARAMETERS, Role},

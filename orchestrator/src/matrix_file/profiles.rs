@@ -3,9 +3,8 @@
 use std::sync::Arc;
 
 use super::{
-    EXPERIMENT, MATRIX, PROFILES, PROVIDERS, REPORT, WORKLOAD,
     diagnostic::{Code, Diagnostic, Diagnostics, Severity},
-    sections::check_keys,
+    sections::{EXPERIMENT, MATRIX, PROFILES, PROVIDERS, REPORT, WORKLOAD, check_keys},
     source::{Source, Span, Spanned},
     spelling::propose,
     tree::{Content, Node},

@@ -5,8 +5,8 @@ use std::sync::Arc;
 use record::report_settings::ReportSettings;
 
 use super::{
-    PROFILES, REPORT,
     diagnostic::{Code, Diagnostic, Diagnostics},
+    sections::{PROFILES, REPORT},
     source::Source,
     tree::{Content, Entry, Node},
 };

@@ -88,7 +88,7 @@ impl ReportOption {
         let tree = Node {
             span: report.span,
             content: Content::Mapping(vec![Entry {
-                key: Spanned::new(super::REPORT.to_owned(), Span::default()),
+                key: Spanned::new(super::sections::REPORT.to_owned(), Span::default()),
                 value: report,
             }]),
         };

@@ -2,13 +2,25 @@
 
 use std::sync::Arc;
 
+use record::experiment::CommandExperiment;
+
 use super::{
-    MATRIX, SECTIONS,
     diagnostic::{Code, Diagnostic, Diagnostics},
     source::{Source, Span},
     spelling::{did_you_mean, propose},
     tree::{Content, Entry, Node},
 };
+
+pub(super) const MATRIX: &str = "matrix";
+pub(super) const HOSTS: &str = "hosts";
+pub(super) const WORKLOAD: &str = "workload";
+pub(super) const REPORT: &str = "report";
+pub(super) const PROVIDERS: &str = "providers";
+pub(super) const PROFILES: &str = "profiles";
+pub(super) const EXPERIMENT: &str = CommandExperiment::SECTION;
+
+/// The sections of a matrix file.
+const SECTIONS: [&str; 7] = [MATRIX, HOSTS, EXPERIMENT, WORKLOAD, REPORT, PROVIDERS, PROFILES];
 
 pub(super) fn check_sections(source: &Arc<Source>, tree: &Node, found: &mut Diagnostics) {
     if !matches!(tree.content, Content::Mapping(_)) {

@@ -223,10 +223,10 @@ mod tests {
     fn names_that_are_made_to_be_slow_are_not() {
         let started = Instant::now();
         for unit in ["a", "-", "a-"] {
-            let known: Vec<String> = (1..2000).map(|length| unit.repeat(length)).collect();
+            let known: Vec<String> = (1..1000).map(|length| unit.repeat(length)).collect();
             let names = names(&known);
-            let text = unit.repeat(1_000_000);
-            assert!(names.beginnings(&text).count() <= 2_000_000);
+            let text = unit.repeat(300_000);
+            assert!(names.beginnings(&text).count() <= 600_000);
             assert!(names.within(&text).len() <= known.len());
         }
         // Generous, for a busy machine: each tried everywhere, they take hours.

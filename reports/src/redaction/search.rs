@@ -17,11 +17,7 @@ use record::{
 };
 use serde_json::Value;
 
-use super::{
-    Redaction,
-    files::{Kind, files},
-    names::Names,
-};
+use super::files::{Kind, files};
 
 /// Names that everybody has, and that say nothing of anybody.
 const ANYBODYS: [&str; 11] = [
@@ -53,9 +49,9 @@ const HOMES: [&str; 3] = ["/home/", "/Users/", "\\Users\\"];
 #[derive(Default)]
 pub(super) struct Found {
     /// By kind, in lower case.
-    names: BTreeMap<&'static str, BTreeSet<String>>,
+    pub(super) names: BTreeMap<&'static str, BTreeSet<String>>,
     /// Axis values and slugs, in lower case.
-    axes: BTreeSet<String>,
+    pub(super) axes: BTreeSet<String>,
 }
 
 impl Found {
@@ -197,22 +193,6 @@ impl Found {
         let is_new = self.names.values().all(|names| !names.contains(&name));
         if says_something && is_new {
             self.names.entry(kind).or_default().insert(name);
-        }
-    }
-
-    pub(super) fn redaction(self) -> Redaction {
-        let all = self.names.values().flatten();
-        let all: Names<()> = all.map(|name| (name.clone(), ())).collect();
-        let kept: BTreeSet<&str> = self.axes.iter().flat_map(|axis| all.within(axis)).collect();
-        let replaced = self.names.iter().flat_map(|(kind, names)| {
-            let replaced = names.iter().filter(|name| !kept.contains(name.as_str()));
-            (1..)
-                .zip(replaced)
-                .map(move |(number, name)| (name.clone(), format!("{kind}-{number}")))
-        });
-        Redaction {
-            names: replaced.collect(),
-            kept: kept.into_iter().map(str::to_owned).collect(),
         }
     }
 }

@@ -32,11 +32,7 @@ impl BlockCount {
     #[must_use]
     pub fn of(a: &[&[f64]], b: &[&[f64]], alpha: f64, seed: u64) -> Self {
         let block = Dependence::block_of(a).max(Dependence::block_of(b));
-        let effort = Effort {
-            enumerate: 10_000,
-            draws: DRAWS,
-            seed,
-        };
+        let effort = effort(seed);
         let pairs = a.iter().flat_map(|x| b.iter().map(move |y| (*x, *y)));
         let possible = pairs
             .clone()
@@ -49,6 +45,15 @@ impl BlockCount {
             rejected: tests.iter().filter(|test| test.p < alpha).count(),
             possible,
         }
+    }
+}
+
+/// That of each window pair.
+const fn effort(seed: u64) -> Effort {
+    Effort {
+        enumerate: 10_000,
+        draws: DRAWS,
+        seed,
     }
 }
 
@@ -166,7 +171,7 @@ mod tests {
         for _ in 0..100 {
             let (x, y) = (random.ar1(60, 0.5), random.ar1(60, 0.5));
             for (count, block) in rejected.iter_mut().zip([1, 6]) {
-                *count += usize::from(test(&x, &y, block, EFFORT).is_some_and(|found| found.p < 0.05));
+                *count += usize::from(test(&x, &y, block, effort(1)).is_some_and(|found| found.p < 0.05));
             }
         }
         let [values, blocks] = rejected;
