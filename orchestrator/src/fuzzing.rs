@@ -4,11 +4,13 @@ use std::path::Path;
 
 use record::{
     detached::{AlreadyThere, Ending, Failure, Host, LeaseAnswer, Listed, Removed, Started, Stopping},
+    platform_model::PlatformModel,
     progress::Progress,
     settings::Settings,
 };
 
 use crate::{
+    batch::{JobOwner, slurm::answers},
     cli::{command::drift, plain_log},
     host::ssh::{SshClient, configuration},
     matrix_file::{self, MatrixFile},
@@ -36,6 +38,19 @@ pub fn matrix_file(bytes: &[u8]) {
         Err(found) => {
             assert!(!found.is_empty());
             let _ = (found.to_json(), found.to_string());
+        }
+    }
+}
+
+/// A platform's file; the platform, if scenarios are simulated on it.
+#[must_use]
+pub fn platform(bytes: &[u8]) -> Option<PlatformModel> {
+    match matrix_file::platform("platform.yaml", bytes) {
+        Ok(platform) => Some(platform),
+        Err(found) => {
+            assert!(!found.is_empty());
+            let _ = (found.to_json(), found.to_string());
+            None
         }
     }
 }
@@ -138,6 +153,36 @@ fn alone_in_a_folder(unpack: impl FnOnce(&Path)) {
 pub fn ssh_configuration(bytes: &[u8]) {
     let client = SshClient::of_this_user();
     let _ = configuration::Answer::read(&String::from_utf8_lossy(bytes), &client);
+}
+
+/// What the tools of Slurm print: its jobs, nodes and partitions, and what it says of a job.
+pub fn slurm(bytes: &[u8]) {
+    let printed = String::from_utf8_lossy(bytes);
+    for job in printed.lines().filter_map(answers::job) {
+        assert!(job.id.chars().all(|c| c.is_ascii_digit()), "{job:?}");
+        if let Some(owner) = &job.owner {
+            assert_eq!(JobOwner::of_comment(&owner.comment()).as_ref(), Some(owner));
+        }
+        let _ = job.standing();
+    }
+    for is_named in [false, true] {
+        let (in_service, out_of_service) = answers::nodes(&printed, is_named);
+        let nodes = in_service
+            .iter()
+            .chain(out_of_service.iter().map(|(node, _)| node));
+        for node in nodes {
+            assert!(!node.contains(char::is_control), "{node:?}");
+        }
+        let _ = answers::longest_minutes(&printed, is_named);
+    }
+    let _ = (answers::forecast(&printed), answers::job_number(&printed));
+    let _ = (
+        answers::does_not_fit(&printed),
+        answers::is_passing(&printed),
+        answers::is_gone(&printed),
+    );
+    let _ = answers::hint(&printed);
+    assert!(!answers::first_words(&printed).contains(char::is_control));
 }
 
 /// What Vagrant prints.

@@ -41,6 +41,7 @@ pub(crate) use axes::{FEWER, SCENARIOS};
 pub use diagnostic::{Code, Diagnostic, DiagnosticRecord, Diagnostics, Severity};
 pub use hosts::{Host, OneNode, THIS_MACHINE};
 pub(crate) use places::Places;
+pub(crate) use platforms::platform;
 pub use platforms::{PlatformFiles, PlatformReader};
 pub use report_option::ReportOption;
 pub use schema::schema;

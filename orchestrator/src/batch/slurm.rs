@@ -4,7 +4,7 @@
 //! have changed from version to version. No `sacct`: many clusters do without, and it says of a job that was requeued once that it is
 //! requeued for ever. docs/clusters.md has the table of states.
 
-mod answers;
+pub(crate) mod answers;
 
 use std::{env, ffi::OsString, path::PathBuf, sync::Arc, time::Duration};
 

@@ -186,17 +186,22 @@ impl PlatformReader<'_> {
             let error = named.error(message);
             error.help("describe each distribution by fewer quantiles: a hundred are plenty")
         })?;
-        let source = Arc::new(decode(&name, &bytes)?);
-        let tree = yaml::parse(&source).map_err(say_what_nothing_is)?;
-        let model: PlatformModel = typing::read(&source, &tree)?;
-        let mut found = Diagnostics::new();
-        for (path, what, hint) in model.problems() {
-            let span = tree.locate(path).unwrap_or(tree.span);
-            let error = Diagnostic::error(&source, Code::InvalidValue, span, format!("`{path}`: {what}"));
-            found.push(error.help(hint));
-        }
-        found.unless_errors(model).map(|(model, _)| model)
+        platform(&name, &bytes)
     }
+}
+
+/// The platform that a file with this name and these bytes describes.
+pub(crate) fn platform(name: &str, bytes: &[u8]) -> Result<PlatformModel, Diagnostics> {
+    let source = Arc::new(decode(name, bytes)?);
+    let tree = yaml::parse(&source).map_err(say_what_nothing_is)?;
+    let model: PlatformModel = typing::read(&source, &tree)?;
+    let mut found = Diagnostics::new();
+    for (path, what, hint) in model.problems() {
+        let span = tree.locate(path).unwrap_or(tree.span);
+        let error = Diagnostic::error(&source, Code::InvalidValue, span, format!("`{path}`: {what}"));
+        found.push(error.help(hint));
+    }
+    found.unless_errors(model).map(|(model, _)| model)
 }
 
 fn unreadable(named: &Named, slug: &str, name: &str, error: &io::Error) -> Diagnostics {

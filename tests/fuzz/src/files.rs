@@ -8,11 +8,14 @@ use record::{
         ControlTrace, EnvironmentRecord, Expected, FORMAT, Journal, Manifest, Place, PlanRecord, ReadError,
         read_record,
     },
-    settings::Messages,
+    settings::{Dynamics, Messages, Settings, SimulationSettings},
     window::{FileRecord, WindowRecord},
 };
 use sha2::{Digest, Sha256};
-use simulation::message::{CommandMessage, StateMessage};
+use simulation::{
+    closed_loop::{Platform, Simulation},
+    message::{CommandMessage, StateMessage},
+};
 
 /// Reads the bytes as a control log that is as it was measured, with as many steps as it has lines.
 pub fn control_log(bytes: &[u8]) {
@@ -54,6 +57,30 @@ pub fn control_log(bytes: &[u8]) {
                 );
             }
             Err(error) => assert!(!error.to_string().is_empty() && !error.hint().is_empty()),
+        }
+    }
+}
+
+/// Reads the bytes as a platform's file, and simulates a second on the platform.
+pub fn platform(bytes: &[u8]) {
+    let Some(platform) = orchestrator::fuzzing::platform(bytes) else {
+        return;
+    };
+    for dynamics in Dynamics::ALL {
+        let simulation = Some(SimulationSettings {
+            platform: platform.clone(),
+            ..SimulationSettings::default()
+        });
+        let settings = Settings {
+            simulation,
+            ..Settings::of(dynamics)
+        };
+        assert_eq!(settings.problems(), Vec::new());
+        let mut last = 0;
+        for step in Simulation::new(&settings, &Platform::of(&settings), 1).take(50) {
+            assert!(step.row.step == 0 || step.row.actual_ns >= last, "time goes back");
+            assert!(step.true_position_m.iter().all(|metres| metres.is_finite()));
+            last = step.row.actual_ns;
         }
     }
 }

@@ -27,6 +27,28 @@ pub fn matrix_files() -> Vec<Vec<u8>> {
     files
 }
 
+pub fn platforms() -> Vec<Vec<u8>> {
+    [
+        "arm64-ubuntu-docker",
+        "arm64-ubuntu-native",
+        "intel-i7-osx-virtualbox",
+    ]
+    .map(|name| project(&format!("examples/paper-platforms/{name}.yaml")))
+    .to_vec()
+}
+
+pub fn slurm() -> Vec<Vec<u8>> {
+    texts([
+        "17|RUNNING|None|n1|n1|2026-11-27T14:00:00|matrix-r-native-1|matrix run=r host=h scenario=native\n\
+         18|PENDING|BadConstraints||(null)|N/A|matrix-r-docker-2|matrix run=r host=h scenario=docker | more\n",
+        "n1|debug*|idle*\nn2|long|mixed\nn3|debug*|down$\n",
+        "debug*|2-12:00:00\nlong|infinite\nshort|30:00\n",
+        "sbatch: Job 5 to start at 2026-01-31T00:00:00 using 2 processors on nodes n3 in partition lab",
+        "17;cluster",
+        "sbatch: error: Batch job submission failed: Requested node configuration is not available",
+    ])
+}
+
 pub fn drift_files() -> Vec<Vec<u8>> {
     texts([
         "acknowledged:\n- since: 2027-01-01\n  scenario: x86-64-debian-12-docker\n  reason: a new kernel\n",

@@ -23,7 +23,7 @@ pub struct Target {
 }
 
 /// All readers.
-pub const TARGETS: [Target; 17] = [
+pub const TARGETS: [Target; 19] = [
     Target {
         name: "matrix_file",
         read: orchestrator::fuzzing::matrix_file,
@@ -63,6 +63,16 @@ pub const TARGETS: [Target; 17] = [
         name: "vagrant",
         read: orchestrator::fuzzing::vagrant,
         seeds: foreign::vagrant,
+    },
+    Target {
+        name: "slurm",
+        read: orchestrator::fuzzing::slurm,
+        seeds: foreign::slurm,
+    },
+    Target {
+        name: "platform",
+        read: files::platform,
+        seeds: foreign::platforms,
     },
     Target {
         name: "xml_rpc",
