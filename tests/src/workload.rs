@@ -21,7 +21,6 @@ pub fn workload_binary() -> &'static Path {
 ///
 /// # Panics
 /// When it cannot be built.
-#[must_use]
 pub fn workload_example(name: &str) -> PathBuf {
     built(deployed().example(name))
 }

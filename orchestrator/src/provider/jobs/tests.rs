@@ -232,6 +232,8 @@ impl Place {
             settings: Settings {
                 simulation: Some(SimulationSettings::default()),
                 windows: 1,
+                // One period: what is computed matters to none of these tests.
+                window: record::quantity::TimeSpan::from_secs(100),
                 ..Settings::of(Dynamics::default())
             },
             windows: vec![1],
