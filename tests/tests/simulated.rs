@@ -226,7 +226,7 @@ fn a_platform_is_found_again_in_what_it_did() {
 
     let again = workplace.run(&["fit", run, "--output", "found"]);
     assert!(
-        again.code == Some(3) && again.err.contains("name another folder"),
+        again.code == Some(2) && again.err.contains("name another folder"),
         "{again:?}"
     );
     fs::rename(run, workplace.path().join("first")).unwrap();

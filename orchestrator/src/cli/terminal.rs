@@ -68,6 +68,14 @@ pub struct ErrorDocument<'a> {
     diagnostics: Vec<DiagnosticRecord<'a>>,
 }
 
+/// The exit code where a file could not be written: what is there already is not overwritten, and another name is to be given.
+pub fn exit_of_writing(error: &io::Error) -> Exit {
+    match error.kind() {
+        io::ErrorKind::AlreadyExists => Exit::Wrong,
+        _ => Exit::Infrastructure,
+    }
+}
+
 impl CommandError {
     /// Of an error, its causes in one line.
     #[must_use]

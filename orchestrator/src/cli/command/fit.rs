@@ -85,11 +85,8 @@ fn unwritten(path: PathBuf, source: io::Error) -> CommandError {
         io::ErrorKind::AlreadyExists => "name another folder with `--output DIR`, or remove the file",
         _ => "see that the disk has room and that you may write to the folder",
     };
-    CommandError::new(
-        Exit::Infrastructure,
-        &FileError { path, source },
-        Some(hint.to_owned()),
-    )
+    let exit = terminal::exit_of_writing(&source);
+    CommandError::new(exit, &FileError { path, source }, Some(hint.to_owned()))
 }
 
 fn write(path: &Path, platform: &FittedPlatform) -> io::Result<()> {

@@ -89,7 +89,7 @@ fn copy(run: &RunDirectory, into: &Path, names: &Redaction) -> Result<PathBuf, C
 
 fn refused(error: &CopyError) -> CommandError {
     let exit = match error {
-        CopyError::Io { .. } => Exit::Infrastructure,
+        CopyError::Io { source, .. } => terminal::exit_of_writing(source),
         CopyError::Read(_) => Exit::Wrong,
         CopyError::Word(_) => return word_of_the_format(error),
     };
