@@ -234,8 +234,13 @@ pub enum Event {
 impl Event {
     /// Brings the words that there may be most of to what is kept of a reason.
     fn shorten(&mut self) {
-        if let Self::WindowBroken { reason, .. } = self {
-            *reason = reason::shortened(reason);
+        let words = match self {
+            Self::WindowBroken { reason, .. } => [Some(reason), None],
+            Self::ScenarioFinished { reason, hint, .. } => [reason.as_mut(), hint.as_mut()],
+            _ => [None, None],
+        };
+        for words in words.into_iter().flatten() {
+            *words = reason::shortened(words);
         }
     }
 }
@@ -531,11 +536,13 @@ mod tests {
         assert!(matches!(error, ReadError::Impossible { .. }), "{error:?}");
     }
 
-    #[test]
-    fn the_words_of_a_window_that_broke_are_bounded_and_their_line_has_its_checksum() {
+    #[rstest]
+    #[case::of_a_window_that_broke(r#""event":"window-broken","environment":"a-1","window":1"#)]
+    #[case::of_a_scenario_that_failed(r#""event":"scenario-finished","outcome":"failed","hint":null"#)]
+    fn words_are_bounded_and_their_line_has_its_checksum(#[case] event: &str) {
         let broken = |reason: &str| {
             serde_json::from_str::<JournalEntry>(&format!(
-                r#"{{"at":"2026-11-21T04:00:00.000Z","event":"window-broken","scenario":"a","environment":"a-1","window":1,"reason":"{reason}"}}"#
+                r#"{{"at":"2026-11-21T04:00:00.000Z",{event},"scenario":"a","reason":"{reason}"}}"#
             ))
             .unwrap()
         };
@@ -546,10 +553,11 @@ mod tests {
         assert!(found.is_checked());
         let reasons = found.entries.iter().map(|entry| match &entry.event {
             Event::WindowBroken { reason, .. } => reason.len(),
+            Event::ScenarioFinished { reason, .. } => reason.as_ref().map_or(0, String::len),
             _ => 0,
         });
         assert!(
-            reasons.clone().all(|bytes| bytes < 1100),
+            reasons.clone().all(|bytes| (1..1100).contains(&bytes)),
             "{:?}",
             reasons.collect::<Vec<_>>()
         );
