@@ -53,6 +53,7 @@ const LEFT_OUT: [&str; 4] = [
     "machine_id",
     field!(Manifest, state_directory),
 ];
+
 /// The names that are replaced.
 #[derive(Debug, Clone, Default, PartialEq, Eq)]
 pub struct Redaction {

@@ -75,7 +75,7 @@ pub(super) fn open(path: &Path) -> io::Result<File> {
     }
 }
 
-/// The same of bytes.
+/// The text of these bytes, within the same limits.
 ///
 /// # Errors
 /// As [`text_within_limits`].

@@ -55,7 +55,7 @@ fn main() -> ExitCode {
 /// All at once: a machine's virtual time does not notice the others.
 fn measure(ways: &[&Way]) -> Vec<Measured> {
     eprintln!("building what is measured with");
-    workload_example("network_probe");
+    let probe = &workload_example("network_probe");
     matrix_binary();
     let begin = Instant::now();
     thread::scope(|scope| {
@@ -65,7 +65,7 @@ fn measure(ways: &[&Way]) -> Vec<Measured> {
                 let tell = move |what: &str| {
                     eprintln!("[{:4.0} s] {}: {what}", begin.elapsed().as_secs_f64(), way.name);
                 };
-                scope.spawn(move || way.measure(&tell))
+                scope.spawn(move || way.measure(probe, &tell))
             })
             .collect();
         started

@@ -1,7 +1,9 @@
 //! The ways to have the network, and what one is found to do. The main types are [`Way`] and [`Measured`].
 
+use std::path::Path;
+
 use serde_json::Value;
-use tests::{virtual_time, workload_example};
+use tests::virtual_time;
 
 /// How many round trips are sent, one every 10 ms.
 const PINGS: usize = 6000;
@@ -66,15 +68,15 @@ pub struct Measured {
 }
 
 impl Way {
-    /// Boots a machine in virtual time and measures there; every step is told as it is done.
-    pub fn measure(&self, tell: &(dyn Fn(&str) + Sync)) -> Measured {
+    /// Boots a machine in virtual time and measures there with `network_probe`; every step is told as it is done.
+    pub fn measure(&self, probe: &Path, tell: &(dyn Fn(&str) + Sync)) -> Measured {
         tell("the guest boots");
         let script = format!(
             "{}\n./network_probe '{}' --pings {PINGS} --pairs {PAIRS} --tcp-seconds {TCP_SECONDS} \
              --flood-seconds {FLOOD_SECONDS} >$RESULT",
             self.before, self.settings
         );
-        let result = virtual_time::follow(&[&workload_example("network_probe")], &script, &mut |line| {
+        let result = virtual_time::follow(&[probe], &script, &mut |line| {
             if let Some(step) = line.strip_prefix("network_probe: ") {
                 tell(step);
             }

@@ -76,9 +76,9 @@ pub fn platform(bytes: &[u8]) {
             ..Settings::of(dynamics)
         };
         assert_eq!(settings.problems(), Vec::new());
-        let mut last = 0;
+        let mut last = i64::MIN;
         for step in Simulation::new(&settings, &Platform::of(&settings), 1).take(50) {
-            assert!(step.row.step == 0 || step.row.actual_ns >= last, "time goes back");
+            assert!(step.row.actual_ns >= last, "time goes back");
             assert!(step.true_position_m.iter().all(|metres| metres.is_finite()));
             last = step.row.actual_ns;
         }
