@@ -75,7 +75,7 @@ impl Journal {
     /// # Errors
     /// When it could not be written.
     pub fn append(&mut self, event: Event) -> Result<JournalEntry, JournalError> {
-        let entry = JournalEntry { at: now(), event };
+        let entry = JournalEntry::new(stamp(), event);
         let fail = |source| JournalError {
             path: self.path.clone(),
             source,
@@ -107,6 +107,8 @@ pub fn stamp() -> String {
 
 #[cfg(test)]
 mod tests {
+    use record::progress::Progress;
+
     use super::*;
 
     #[test]
@@ -126,6 +128,30 @@ mod tests {
         assert_eq!(text.lines().count(), 2);
         let last: JournalEntry = serde_json::from_str(text.lines().last().unwrap()).unwrap();
         assert_eq!(last.event, Event::RunInterrupted);
+    }
+
+    #[test]
+    fn a_line_is_of_a_microsecond_and_of_a_workloads_words_it_has_the_beginning() {
+        let folder = tempfile::tempdir().unwrap();
+        let place = Place::root(folder.path()).join("events.jsonl");
+        let failed = Event::Workload {
+            scenario: "a".to_owned(),
+            progress: Progress::Failed {
+                reason: "r".repeat(64 << 10),
+                hint: Some("h".repeat(64 << 10)),
+                platform: true,
+            },
+        };
+        let entry = Journal::open(&place).unwrap().append(failed).unwrap();
+        assert_eq!(entry.at.len(), "2026-01-01T00:00:00.000000Z".len());
+        let line = std::fs::read_to_string(place.path()).unwrap();
+        assert!(
+            line.len() < 2500 && line.contains("r…") && line.contains("h…"),
+            "{} bytes",
+            line.len()
+        );
+        let read = run_directory::Journal::read(&place).unwrap();
+        assert_eq!(read.entries, [entry]);
     }
 
     #[test]

@@ -66,10 +66,7 @@ impl Events {
         };
         let entry = match is_journaled {
             true => sinks.journal.append(event)?,
-            false => JournalEntry {
-                at: journal::stamp(),
-                event,
-            },
+            false => JournalEntry::new(journal::stamp(), event),
         };
         sinks.state.apply(&entry);
         for observer in &mut sinks.observers {

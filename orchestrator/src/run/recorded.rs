@@ -285,14 +285,14 @@ impl RecordedRun {
                     },
                     None => continue,
                 };
-                self.state.apply(&JournalEntry {
-                    at: journal::stamp(),
-                    event: Event::JobChanged {
+                self.state.apply(&JournalEntry::new(
+                    journal::stamp(),
+                    Event::JobChanged {
                         scenario,
                         environment,
                         standing,
                     },
-                });
+                ));
             }
         }
         Ok(silent)

@@ -174,7 +174,7 @@ fn a_window_whose_log_cannot_be_used_does_not_count_and_its_line_is_named(
     assert_eq!(
         reason_of_the_second(&load(&synthetic).unwrap()),
         format!(
-            "control.csv cannot be used: {message}; the file is as the workload wrote it, so the measurement itself is at fault"
+            "control.csv cannot be used: {message}; its SHA-256 is that of window.json, so it is as it was measured"
         )
     );
     // Changed afterwards: the same place, and another cause.

@@ -4,7 +4,7 @@
 use serde::{Deserialize, Serialize};
 
 use super::{platform::PlatformChange, window::Verdict};
-use crate::virtual_host::VirtualHost;
+use crate::{reason, virtual_host::VirtualHost};
 
 /// One of the two nodes that make the loop.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
@@ -50,6 +50,16 @@ impl Progress {
     #[must_use]
     pub const fn is_journaled(&self) -> bool {
         !self.is_sign_of_life() && !matches!(self, Self::Notice { .. })
+    }
+
+    /// Brings its words to what is kept of a [reason](crate::reason).
+    pub(crate) fn shorten(&mut self) {
+        match self {
+            Self::WindowComplete { reason, .. } => reason::shorten(reason),
+            Self::Failed { reason, hint, .. } => reason::shorten(hint.iter_mut().chain([reason])),
+            Self::Notice { text, .. } => reason::shorten([text]),
+            _ => {}
+        }
     }
 }
 

@@ -1,4 +1,4 @@
-//! Why something is as it is, in words that a person reads. The function is [`shortened`].
+//! Why something is as it is, in words that a person reads. The main function is [`shortened`].
 //!
 //! Hosts and run directories say reasons, too, and a report has all of them in memory, some of them several times.
 
@@ -14,6 +14,13 @@ pub fn shortened(reason: &str) -> String {
             let kept = reason.get(..end).unwrap_or_default();
             format!("{kept}{MARK}")
         }
+    }
+}
+
+/// The same, of each that is there.
+pub(crate) fn shorten<'a>(reasons: impl IntoIterator<Item = &'a mut String>) {
+    for it in reasons {
+        *it = shortened(it);
     }
 }
 

@@ -3,7 +3,7 @@
 
 use std::{io, path::PathBuf, time::Duration};
 
-use record::{causes::with_causes, identity::IdentityMismatch, reason::shortened, run_directory::Outcome};
+use record::{causes::with_causes, identity::IdentityMismatch, run_directory::Outcome};
 
 use crate::{
     disk_space, escaping,
@@ -96,12 +96,11 @@ pub(super) enum Work {
 }
 
 impl Ending {
-    /// Its words may be another machine's, and the journal keeps them.
     pub(super) fn of(outcome: Outcome, reason: Option<String>, hint: Option<String>) -> Self {
         Self {
             outcome,
-            reason: reason.as_deref().map(shortened),
-            hint: hint.as_deref().map(shortened),
+            reason,
+            hint,
             lost_its_node: false,
         }
     }
@@ -138,20 +137,5 @@ impl Ending {
             }
         };
         Self::of(Outcome::Errored, Some(with_causes(trouble)), hint)
-    }
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn of_a_long_reason_the_journal_keeps_the_beginning() {
-        let long = || Some("x".repeat(64 << 10));
-        let ending = Ending::of(Outcome::Failed, long(), long());
-        for words in [ending.reason, ending.hint] {
-            let kept = words.unwrap();
-            assert!(kept.len() < 2000 && kept.ends_with("x…"), "{} bytes", kept.len());
-        }
     }
 }

@@ -11,43 +11,38 @@ impl CommandExperiment {
         found.extend(self.problems_of_commands(topology));
         found.extend(self.problems_of_nodes(topology));
         found.extend(self.problems_of_windows());
-        let problem = |path: String, (message, hint): (String, &str)| SettingsProblem {
-            path: format!("{PREFIX}.{path}").into(),
-            message,
-            hint: hint.to_owned(),
-        };
         for (at, metric) in self.metrics.iter().enumerate() {
             let before = self.metrics.get(..at).unwrap_or_default();
             if before.iter().any(|other| other.name == metric.name) {
                 let message = format!("two metrics are called `{}`", metric.name);
                 let hint = "give each metric a name of its own";
-                found.push(problem(format!("metrics.{at}.name"), (message, hint)));
+                found.push(of_experiment(format!("metrics.{at}.name"), message, hint));
             }
             if let Some((field, message, hint)) = metric.problem() {
-                found.push(problem(format!("metrics.{at}.{field}"), (message, hint)));
+                found.push(of_experiment(format!("metrics.{at}.{field}"), message, hint));
             }
         }
         for (at, file) in self.files.iter().enumerate().filter(|(_, file)| !is_below(file)) {
             let message = format!("`{file}` is not below the matrix file's folder");
             let hint = "copy it into the folder of the matrix file";
-            found.push(problem(format!("files.{at}"), (message, hint)));
+            found.push(of_experiment(format!("files.{at}"), message, hint));
         }
         for (name, value) in &self.parameters {
             if !argument::is_parameter(name) {
                 let message = format!("`{name}` cannot be a parameter's name");
                 let hint = "use letters, digits, `_` and `-`, a letter first";
-                found.push(problem("parameters".to_owned(), (message, hint)));
+                found.push(of_experiment("parameters", message, hint));
             }
             if value.contains('\0') || value.len() > argument::LONGEST {
                 let message = format!("the value of `{name}` cannot be an argument of a command");
                 let hint = "write a shorter text without control characters";
-                found.push(problem(format!("parameters.{name}"), (message, hint)));
+                found.push(of_experiment(format!("parameters.{name}"), message, hint));
             }
         }
         if self.retries > Self::MOST_RETRIES {
             let message = format!("{} retries are more than {}", self.retries, Self::MOST_RETRIES);
             let hint = "find out why environments break: `matrix status RUN` lists what broke";
-            found.push(problem("retries".to_owned(), (message, hint)));
+            found.push(of_experiment("retries", message, hint));
         }
         found
     }
@@ -55,44 +50,33 @@ impl CommandExperiment {
     /// Windows that are none.
     fn problems_of_windows(&self) -> Vec<SettingsProblem> {
         let mut found = Vec::new();
+        let mut problem = |path: &str, message: &str, hint| found.push(of_experiment(path, message, hint));
         let window = &self.window;
         if window.timeout.duration().is_zero() {
             let hint = "write a longer time, such as `10min`";
-            found.push((
-                "window.timeout".to_owned(),
-                "a command cannot end in no time".to_owned(),
-                hint,
-            ));
+            problem("window.timeout", "a command cannot end in no time", hint);
         }
         if let Some(length) = window.length.filter(|length| *length < Self::SHORTEST) {
             let message = format!("a window of {length} is shorter than {}", Self::SHORTEST);
-            found.push((
-                "window.length".to_owned(),
-                message,
-                "write a longer time, such as `10s`",
-            ));
+            problem("window.length", &message, "write a longer time, such as `10s`");
         }
         match (window.continuous, window.length) {
             (true, None) => {
-                let message = "the windows of a continuous command have no length".to_owned();
-                found.push((
-                    "window.continuous".to_owned(),
-                    message,
-                    "write it, such as `length: 10s`",
-                ));
+                let message = "the windows of a continuous command have no length";
+                problem("window.continuous", message, "write it, such as `length: 10s`");
             }
             (false, Some(_)) => {
-                let message = "a window that is a call is as long as the call".to_owned();
+                let message = "a window that is a call is as long as the call";
                 let hint =
                     "take `length` out, or write `continuous: true` for one call that lasts for all windows";
-                found.push(("window.length".to_owned(), message, hint));
+                problem("window.length", message, hint);
             }
             _ => {}
         }
         if window.continuous && !self.nodes.is_empty() {
-            let message = "nodes are started anew in each window".to_owned();
+            let message = "nodes are started anew in each window";
             let hint = "take `continuous` out, or write the command as `run`";
-            found.push(("window.continuous".to_owned(), message, hint));
+            problem("window.continuous", message, hint);
         }
         let metrics = self.metrics.iter().enumerate();
         for (at, metric) in metrics.filter(|(_, it)| window.continuous && it.compare == Compare::Identical) {
@@ -101,34 +85,22 @@ impl CommandExperiment {
                 metric.name
             );
             let hint = "write `compare: ks`, or take `continuous` out";
-            found.push((format!("metrics.{at}.compare"), message, hint));
+            problem(&format!("metrics.{at}.compare"), &message, hint);
         }
-        let problem = |(path, message, hint): (String, String, &str)| SettingsProblem {
-            path: format!("{PREFIX}.{path}").into(),
-            message,
-            hint: hint.to_owned(),
-        };
-        found.into_iter().map(problem).collect()
+        found
     }
 
     /// More of something than any experiment has, or nothing.
     fn problems_of_size(&self) -> Vec<SettingsProblem> {
         let mut found = Vec::new();
-        let mut problem = |path: &str, message: String, hint: &str| {
-            let path = [PREFIX, path].join(".").trim_end_matches('.').to_owned();
-            found.push(SettingsProblem {
-                path: path.into(),
-                message,
-                hint: hint.to_owned(),
-            });
-        };
+        let mut problem = |path: &str, message: &str, hint| found.push(of_experiment(path, message, hint));
         if self.run.is_empty() && self.nodes.is_empty() {
             let hint = "write a program and its arguments as a list, such as `run: [python3, sim/reach.py]`";
-            problem("run", "there is no command to run".to_owned(), hint);
+            problem("run", "there is no command to run", hint);
         }
         if self.metrics.is_empty() {
             let hint = "write what a window measures, such as `- {name: error, unit: mm, from: errors.csv, column: error}`";
-            problem("metrics", "nothing is measured".to_owned(), hint);
+            problem("metrics", "nothing is measured", hint);
         }
         let counts = [
             ("files", self.files.len()),
@@ -143,7 +115,7 @@ impl CommandExperiment {
             let message = format!("{count} are more than {}", Self::MOST);
             problem(
                 path,
-                message,
+                &message,
                 "put some of them into a file that the command reads",
             );
         }
@@ -153,7 +125,8 @@ impl CommandExperiment {
                 "the experiment is {bytes} bytes long, more than {}",
                 Self::LONGEST
             );
-            problem("", message, "put long texts into files that the command reads");
+            let hint = "put long texts into files that the command reads";
+            found.push(SettingsProblem::of(PREFIX, message, hint));
         }
         found
     }
@@ -178,11 +151,9 @@ impl CommandExperiment {
                 let refused = argument
                     .placeholders()
                     .filter_map(|placeholder| self.refusal(runs, placeholder));
-                found.extend(refused.map(|(message, hint)| SettingsProblem {
-                    path: format!("{PREFIX}.{path}.{at}").into(),
-                    message,
-                    hint,
-                }));
+                found.extend(
+                    refused.map(|(message, hint)| of_experiment(format!("{path}.{at}"), message, hint)),
+                );
             }
         }
         found
@@ -192,17 +163,22 @@ impl CommandExperiment {
     fn problems_of_nodes(&self, topology: &Topology) -> Vec<SettingsProblem> {
         let mut found = Vec::new();
         if !self.nodes.is_empty() && !self.run.is_empty() {
-            let message = "an experiment has a command for each window or nodes, not both".to_owned();
-            let hint = "take `run` out, or make it one of the nodes".to_owned();
-            found.push(("run".to_owned(), message, hint));
+            let message = "an experiment has a command for each window or nodes, not both";
+            let hint = "take `run` out, or make it one of the nodes";
+            found.push(of_experiment("run", message, hint));
         }
         if self.nodes.is_empty() && self.ros_master.is_some() {
-            let message = "there are no nodes that a ROS master could be for".to_owned();
-            let hint = "take `ros_master` out, or write `nodes:`".to_owned();
-            found.push(("ros_master".to_owned(), message, hint));
+            let message = "there are no nodes that a ROS master could be for";
+            let hint = "take `ros_master` out, or write `nodes:`";
+            found.push(of_experiment("ros_master", message, hint));
         }
         if !self.nodes.is_empty() {
-            found.extend(node::problems(&self.nodes, self.ros_master.as_ref(), topology));
+            let of_nodes = node::problems(&self.nodes, self.ros_master.as_ref(), topology);
+            found.extend(
+                of_nodes
+                    .into_iter()
+                    .map(|(path, message, hint)| of_experiment(path, message, hint)),
+            );
             let captures: Vec<String> = topology.names().map(|host| layout::capture(&host)).collect();
             for (at, metric) in self
                 .metrics
@@ -211,16 +187,11 @@ impl CommandExperiment {
                 .filter(|(_, it)| captures.contains(&it.from))
             {
                 let message = format!("`{}` is a file that `matrix` writes", metric.from);
-                let hint = "let the node write to a file of another name".to_owned();
-                found.push((format!("metrics.{at}.from"), message, hint));
+                let hint = "let the node write to a file of another name";
+                found.push(of_experiment(format!("metrics.{at}.from"), message, hint));
             }
         }
-        let problem = |(path, message, hint)| SettingsProblem {
-            path: format!("{PREFIX}.{path}").into(),
-            message,
-            hint,
-        };
-        found.into_iter().map(problem).collect()
+        found
     }
 
     /// Why a placeholder has no value, and what to write.
@@ -266,6 +237,15 @@ impl CommandExperiment {
             },
         }
     }
+}
+
+/// A problem of that setting of the experiment.
+fn of_experiment(
+    path: impl std::fmt::Display,
+    message: impl Into<String>,
+    hint: impl Into<String>,
+) -> SettingsProblem {
+    SettingsProblem::of(format!("{PREFIX}.{path}"), message, hint)
 }
 
 /// When and where a command runs, which decides what its placeholders may be.

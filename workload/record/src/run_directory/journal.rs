@@ -30,6 +30,16 @@ pub struct JournalEntry {
     pub event: Event,
 }
 
+impl JournalEntry {
+    /// What happened at that time. Of words that are another machine's, or a workload's, it has as much as is kept of a
+    /// [reason](crate::reason).
+    #[must_use]
+    pub fn new(at: String, mut event: Event) -> Self {
+        event.shorten();
+        Self { at, event }
+    }
+}
+
 /// What happened. Scenarios are named by their slug, which is their identity everywhere.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(tag = "event", rename_all = "kebab-case")]
@@ -234,13 +244,11 @@ pub enum Event {
 impl Event {
     /// Brings the words that there may be most of to what is kept of a reason.
     fn shorten(&mut self) {
-        let words = match self {
-            Self::WindowBroken { reason, .. } => [Some(reason), None],
-            Self::ScenarioFinished { reason, hint, .. } => [reason.as_mut(), hint.as_mut()],
-            _ => [None, None],
-        };
-        for words in words.into_iter().flatten() {
-            *words = reason::shortened(words);
+        match self {
+            Self::WindowBroken { reason, .. } => reason::shorten(Some(reason)),
+            Self::ScenarioFinished { reason, hint, .. } => reason::shorten(reason.iter_mut().chain(hint)),
+            Self::Workload { progress, .. } => progress.shorten(),
+            _ => {}
         }
     }
 }
@@ -401,11 +409,8 @@ impl Journal {
             if bytes.trim_ascii().is_empty() {
                 continue;
             }
-            let mut entry = from_json::<JournalEntry>(bytes);
             // The checksum is of the line, and is looked at below.
-            if let Ok(entry) = &mut entry {
-                entry.event.shorten();
-            }
+            let entry = from_json(bytes).map(|JournalEntry { at, event }| JournalEntry::new(at, event));
             let per_value = match &entry {
                 // Facts are values of any kind.
                 Ok(entry) if matches!(entry.event, Event::EnvironmentCreated { .. }) => 256,

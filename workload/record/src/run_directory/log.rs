@@ -35,7 +35,7 @@ impl LogError {
             true => {
                 "the file was changed after it was measured, since its SHA-256 is not that of window.json"
             }
-            false => "the file is as the workload wrote it, so the measurement itself is at fault",
+            false => "its SHA-256 is that of window.json, so it is as it was measured",
         }
     }
 

@@ -17,11 +17,15 @@ pub struct SettingsProblem {
 }
 
 impl SettingsProblem {
-    const fn of(path: &'static str, message: String, hint: String) -> Self {
+    pub(crate) fn of(
+        path: impl Into<Cow<'static, str>>,
+        message: impl Into<String>,
+        hint: impl Into<String>,
+    ) -> Self {
         Self {
-            path: Cow::Borrowed(path),
-            message,
-            hint,
+            path: path.into(),
+            message: message.into(),
+            hint: hint.into(),
         }
     }
 }
@@ -61,7 +65,9 @@ impl Settings {
     #[must_use]
     pub fn problems(&self) -> Vec<SettingsProblem> {
         let mut problems = Vec::new();
-        let mut problem = |path, message, hint| problems.push(SettingsProblem::of(path, message, hint));
+        let mut problem = |path: &'static str, message: String, hint: String| {
+            problems.push(SettingsProblem::of(path, message, hint))
+        };
         if self.windows == 0 {
             problem(
                 "windows",
@@ -122,22 +128,21 @@ impl Settings {
         let platform = self.simulation.iter().map(|simulation| &simulation.platform);
         platform
             .flat_map(PlatformModel::problems)
-            .map(|(path, message, hint)| SettingsProblem {
-                path: format!("simulation.platform.{path}").into(),
-                message,
-                hint: hint.to_owned(),
+            .map(|(path, message, hint)| {
+                SettingsProblem::of(format!("simulation.platform.{path}"), message, hint)
             })
     }
 
     /// What is wrong with the emulated network and its captures.
     fn problems_of_the_network(&self, problems: &mut Vec<SettingsProblem>) {
         let of_the_topology = topology::problems(&self.network.wanted(&self.network.link())).into_iter();
-        problems.extend(of_the_topology.map(|(path, message, hint)| SettingsProblem {
-            path: format!("network.{path}").into(),
-            message,
-            hint,
-        }));
-        let mut problem = |path, message, hint| problems.push(SettingsProblem::of(path, message, hint));
+        problems.extend(
+            of_the_topology
+                .map(|(path, message, hint)| SettingsProblem::of(format!("network.{path}"), message, hint)),
+        );
+        let mut problem = |path: &'static str, message: String, hint: String| {
+            problems.push(SettingsProblem::of(path, message, hint))
+        };
         for refusal in self.network.backend.facts().refusals {
             if let Some(message) = (refusal.problem)(&self.network) {
                 problem(refusal.path, message, refusal.hint.into());
@@ -169,7 +174,9 @@ impl Settings {
 
     /// What is wrong with what only the ball on the plate has.
     fn problems_of_the_ball(&self, problems: &mut Vec<SettingsProblem>) {
-        let mut problem = |path, message, hint| problems.push(SettingsProblem::of(path, message, hint));
+        let mut problem = |path: &'static str, message: String, hint: String| {
+            problems.push(SettingsProblem::of(path, message, hint))
+        };
         let period = self.period.as_nanos();
         if period == 0 {
             problem(
