@@ -5,10 +5,7 @@ use super::*;
 fn journal(events: Vec<Event>) -> Vec<JournalEntry> {
     events
         .into_iter()
-        .map(|event| JournalEntry {
-            at: String::new(),
-            event,
-        })
+        .map(|event| JournalEntry::new(String::new(), event))
         .collect()
 }
 
@@ -78,10 +75,7 @@ fn an_environment_was_made_from_its_announcement_to_its_creation() {
     let entries = events
         .into_iter()
         .zip(["t0", "t1", "t2"])
-        .map(|(event, at)| JournalEntry {
-            at: at.to_owned(),
-            event,
-        });
+        .map(|(event, at)| JournalEntry::new(at.to_owned(), event));
     let made = RunState::replay(&entries.collect::<Vec<_>>()).scenario("s").made;
     let times: Vec<_> = made
         .iter()
