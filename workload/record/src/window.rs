@@ -415,8 +415,8 @@ pub struct ConditionsRecord {
     pub swapped_bytes: Option<u64>,
 }
 
-/// What a window is worth.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+/// What a window is worth, from the best to the worst.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
 pub enum Verdict {
     /// Counted.

@@ -29,7 +29,7 @@ use crate::{
 /// }
 /// ```
 ///
-/// Rows are in the order of the settings, and of the reasons in `window.json`.
+/// Rows are in the order of the settings, and of the reasons in `window.json`, where those of the verdict come first.
 macro_rules! rules {
     ($(
         $(#[$about:meta])*

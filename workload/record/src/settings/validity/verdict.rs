@@ -5,6 +5,8 @@
 //! or the loop was not run at its rate. It is *suspect* when it is one of a platform that was disturbed: slowness of the
 //! platform is what the experiment is there to measure, so that it must not be thrown away.
 
+use std::cmp::Reverse;
+
 use super::{Limits, ValiditySettings, nanoseconds, span};
 use crate::{
     quantity::{Bytes, Fraction, TimeSpan},
@@ -78,15 +80,10 @@ impl Findings {
         }
     }
 
-    fn conclude(self) -> (Verdict, Vec<String>) {
-        let worst = |verdict| self.0.iter().any(|(found, _)| *found == verdict);
-        let verdict = if worst(Verdict::Invalid) {
-            Verdict::Invalid
-        } else if worst(Verdict::Suspect) {
-            Verdict::Suspect
-        } else {
-            Verdict::Valid
-        };
+    /// The worst of it, and all reasons: those of the verdict first, since the first one is what a line has room for.
+    fn conclude(mut self) -> (Verdict, Vec<String>) {
+        self.0.sort_by_key(|(found, _)| Reverse(*found));
+        let verdict = self.0.first().map_or(Verdict::Valid, |(worst, _)| *worst);
         (verdict, self.0.into_iter().map(|(_, reason)| reason).collect())
     }
 }
@@ -363,6 +360,14 @@ mod tests {
         |it: &mut WindowRecord| { it.clock_jump_ns = 20_000_000; loops(it).log_dropped = 1; },
         Verdict::Invalid,
         &["1 rows were lost since the log's queue was full.", "The wall clock was set forward by 20 ms (suspect above 1.00 ms)."]
+    )]
+    #[case::the_reasons_of_the_verdict_come_first(
+        |it: &mut WindowRecord| { loops(it).controller.missed_deadlines = 11; loops(it).longest_gap_ns = 1_001_000_000; },
+        Verdict::Invalid,
+        &[
+            "For 1001 ms no control step was done (invalid above 1000 ms).",
+            "The controller missed 0.11 % of its deadlines (suspect above 0.10 %).",
+        ]
     )]
     fn a_window_is_worth(
         #[case] spoil: fn(&mut WindowRecord),
