@@ -22,8 +22,9 @@ use pcap_file::{
 use record::{
     topology::address_in_the_ball,
     virtual_host::VirtualHost,
-    window::{CaptureRecord, FileRecord},
+    window::{CaptureRecord, FileRecord, MeasuredFile},
 };
+use sha2::{Digest, Sha256};
 use synthetic::{Scenario, Synthetic};
 use timing::{median, time};
 
@@ -117,26 +118,32 @@ fn write_captures(synthetic: &Synthetic, folder: &Path) -> Vec<PathBuf> {
         packets.sort_by_key(|(at_ns, _)| *at_ns);
         let name = format!("{host}.pcap.zst");
         let path = folder.join(&name);
-        fs::write(&path, zstd::encode_all(&*pcap(&packets), 3).unwrap()).unwrap();
-        records.push((host, packets.len() as u64, name, path.metadata().unwrap().len()));
+        let plain = pcap(&packets);
+        let packed = zstd::encode_all(&*plain, 3).unwrap();
+        fs::write(&path, &packed).unwrap();
+        let file = FileRecord {
+            name,
+            bytes: packed.len() as u64,
+            sha256: format!("{:x}", Sha256::digest(&packed)),
+            measured: Some(MeasuredFile {
+                bytes: plain.len() as u64,
+                sha256: format!("{:x}", Sha256::digest(&plain)),
+            }),
+        };
+        records.push((host, packets.len() as u64, file));
         paths.push(path);
     }
     synthetic.edit_window(SLUG, 1, |record| {
         record.ended_ns = (STEPS * STEP_NS) as i64;
         record.ended_unix_ns = record.ended_ns;
-        for (host, packets, name, bytes) in &records {
+        for (host, packets, file) in records {
             record.captures.push(CaptureRecord {
-                host: *host,
-                packets: *packets,
+                host,
+                packets,
                 dropped: 0,
                 tool: "builtin".to_owned(),
             });
-            record.files.push(FileRecord {
-                name: name.clone(),
-                bytes: *bytes,
-                sha256: String::new(),
-                measured: None,
-            });
+            record.files.push(file);
         }
     });
     paths
